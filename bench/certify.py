@@ -28,8 +28,8 @@ from bench.motion import random_edges
 from safe_ompl import CollisionChecker, DangerField, MotionProver, Robot, Scenario, Scene, Verdict, certificate, verify
 from safe_ompl.common import FloatArray
 from safe_ompl.danger import CertifiedDanger
-from safe_ompl.paths.measures import PROFILE_POINTS, Curve
 from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.simplification.measures import PROFILE_POINTS, Curve
 from safe_ompl.scene import list_scenarios
 
 CLAIM = "what is called free is free, what is called blocked touches, and no danger is above its proven bound"

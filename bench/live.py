@@ -28,12 +28,12 @@ from bench._touches import TouchJudge
 from safe_ompl import People, Pose, RateLimits, Replanner, Robot, Scenario, Surroundings, Tracker, Trajectory, time_path
 from safe_ompl.collision import MotionProver
 from safe_ompl.danger import DangerField
+from safe_ompl.motions.contact import CONTACT_RULES
 from safe_ompl.people import Recording, TrackedBody, facing, list_clips
 from safe_ompl.people.replanning import Command, Doing, ReplanningOptions, Tour
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin
 from safe_ompl.people.replanning.stop_motion import StopMotion
 from safe_ompl.people.simulation import Faults, Playback, Simulation
-from safe_ompl.trajectories.contact import CONTACT_RULES
 
 CLAIM = "no contact while moving as long as people keep to the promise, at many times the tasks of stop-and-go"
 HANDS = {f"{side}_{limb}": 2.0 for side in ("left", "right") for limb in ("forearm", "hand")}  # [m/s]

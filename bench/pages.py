@@ -320,10 +320,10 @@ FLOORS = (
     ),
     (
         "planning",
-        "planning · planning/planners · motions · paths · planning/ompl",
-        "SafeSetup, planners, others’ motions, reports and simplification, OMPL’s plug-ins",
+        "planning · planning/planners · planning/simplification · planning/ompl",
+        "SafeSetup, planners, reports and simplification, OMPL’s plug-ins",
     ),
-    ("motion", "people · trajectories", "where people may soon be; paths in time, with stops"),
+    ("motion", "motions · people", "proofs of motions, repair, time laws with stops; where people may soon be"),
     ("queries, proofs", "collision · danger", "collision and distance on coal, certified motions, the danger field"),
     ("models", "robot · scene", "on Pinocchio; they never change; no OMPL"),
     ("base", "common · geometry", "checks, errors, compiled kernels; shapes and convex distances"),

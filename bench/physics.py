@@ -37,13 +37,12 @@ from examples.mujoco.servo_robot import STEP, BodyPart, Servo, ServoRobot
 from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Robot, SafeSetup, Scene, Trajectory
 from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.common import FloatArray
-from safe_ompl.motions import FACTOR
+from safe_ompl.motions import FACTOR, BlendedCurve, BodySpeeds, Piece, contact_speed
 from safe_ompl.people import Surroundings, Tracker
 from safe_ompl.people.replanning import Doing, Replanner
 from safe_ompl.people.simulation import ALL_KEYPOINTS, Walker, World
 from safe_ompl.people.simulation.simulation import Touch
 from safe_ompl.scene.constraints import CONTACT_TABLE
-from safe_ompl.trajectories import BlendedCurve, BodySpeeds, Piece, contact_speed
 
 CLAIM = "a robot with a servo's errors stays outside what is proven with a tube, and meets nobody while it moves"
 # Accelerations [rad/s²]; of the Panda half of what Franka publishes, with which the motors are too weak here at times.

@@ -38,8 +38,9 @@ from safe_ompl.apps.benchmark import Campaign
 from safe_ompl.common import FloatArray
 from safe_ompl.danger.field import AGGREGATES
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.ompl import StateBridge, StateCost
+from safe_ompl.planning.ompl import StateCost
 from safe_ompl.planning.planners.tree import Tree
+from safe_ompl.robot import StateBridge
 
 CLAIM = "time grows slowly with obstacles, danger points and nodes"
 ROUNDS, ITEMS = 5, 80  # configurations in all

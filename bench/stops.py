@@ -43,9 +43,8 @@ from safe_ompl import (
 )
 from safe_ompl.certificates.verifier.bodies import corners
 from safe_ompl.common import FloatArray
-from safe_ompl.motions import rate_violations
+from safe_ompl.motions import State, Stops, rate_violations
 from safe_ompl.motions.rates import stops_of
-from safe_ompl.trajectories import State, Stops
 
 CLAIM = "a robot stands, or is as slow as is borne, before anyone of bounded speed is there"
 BETWEEN = {

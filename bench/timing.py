@@ -21,7 +21,7 @@ from bench._harness import Report
 from bench._scenes import ACCELERATIONS
 from safe_ompl import CollisionChecker, MotionProver, RateLimits, Robot, Scene, Trajectory, time_path
 from safe_ompl.common import FloatArray
-from safe_ompl.trajectories import curve
+from safe_ompl.motions import curve
 
 CLAIM = "trajectories keep their limits between all samples, and are as fast as toppra's"
 ROBOTS = ("panda", "ur5", "xarm7", "kinova")

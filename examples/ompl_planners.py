@@ -3,7 +3,7 @@
 from ompl import geometric as og, util as ou
 
 import safe_ompl as so
-from safe_ompl.planning.ompl.states import StateBridge, joint_space
+from safe_ompl.robot import StateBridge, joint_space
 
 ou.setLogLevel(ou.LogLevel.LOG_WARN)
 ou.RNG.setSeed(1)

@@ -44,14 +44,19 @@ if TYPE_CHECKING:
     )
     from safe_ompl.io import JointPath as JointPath, load as load, read_motion as read_motion, save as save
     from safe_ompl.motions import (
+        Constraints as Constraints,
         Motion as Motion,
+        PathTimer as PathTimer,
+        RateLimits as RateLimits,
+        StandstillError as StandstillError,
+        Trajectory as Trajectory,
         check as check,
         check_many as check_many,
         prove_many as prove_many,
         retime as retime,
+        time_path as time_path,
         widest_tube as widest_tube,
     )
-    from safe_ompl.paths import Constraints as Constraints, PathReport as PathReport, Simplifier as Simplifier
     from safe_ompl.people import Surroundings as Surroundings, Tracker as Tracker
     from safe_ompl.people.replanning import Replanner as Replanner, Shield as Shield
     from safe_ompl.planning import (
@@ -80,6 +85,7 @@ if TYPE_CHECKING:
         make_planner as make_planner,
         planner_names as planner_names,
     )
+    from safe_ompl.planning.simplification import PathReport as PathReport, Simplifier as Simplifier
     from safe_ompl.robot import GoalRegion as GoalRegion, Robot as Robot, inverse_kinematics as inverse_kinematics
     from safe_ompl.scene import People as People, Program as Program, Scenario as Scenario, Scene as Scene
     from safe_ompl.tasks import (
@@ -87,13 +93,6 @@ if TYPE_CHECKING:
         ToolMotion as ToolMotion,
         ToolPath as ToolPath,
         tool_motion as tool_motion,
-    )
-    from safe_ompl.trajectories import (
-        PathTimer as PathTimer,
-        RateLimits as RateLimits,
-        StandstillError as StandstillError,
-        Trajectory as Trajectory,
-        time_path as time_path,
     )
     from safe_ompl.view import view as view
 

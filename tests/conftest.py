@@ -70,7 +70,7 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
     "test_package.py",
     "test_physics.py",
     "test_scripts.py",
-    "trajectories/test_beside_people.py",
+    "motions/test_beside_people.py",
     "view/test_motions.py",
     "view/test_page_in_browser.py",
     "view/test_program_view.py",

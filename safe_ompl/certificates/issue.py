@@ -39,10 +39,9 @@ from safe_ompl.common import (
 )
 from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField
 from safe_ompl.io import carried_robot, carried_scene, schema
-from safe_ompl.motions import Motion, MotionCheck
+from safe_ompl.motions import Motion, MotionCheck, RateLimits, SmoothLaw, Trajectory
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario, Scene
-from safe_ompl.trajectories import RateLimits, SmoothLaw, Trajectory
 
 _WIDER, _TRIALS = 1.1, 50  # bounds of the danger within a tube
 _KIND = ("aggregate", "weighting", "k1", "sharpness")  # of a danger

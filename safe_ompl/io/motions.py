@@ -14,11 +14,10 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, documents as document, finite_array, float_array, listed, shown
 from safe_ompl.io.problems import Problem
-from safe_ompl.paths import unrolled
+from safe_ompl.motions import RATE, Trajectory
 from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
-from safe_ompl.trajectories import RATE, Trajectory
 
 _OF_JOINT = re.compile("_(position|velocity|acceleration)$")
 
@@ -220,7 +219,7 @@ class TimedMotion:
 
     def at(self, times: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at times (S,) [s]; at rest before and after."""
-        columns = unrolled(self.robot, self.configurations).T
+        columns = self.robot.unrolled(self.configurations).T
         return np.stack([np.interp(times, self.times, column) for column in columns], axis=1)
 
     def sample(self, time: float) -> int:

@@ -23,14 +23,17 @@ from safe_ompl.common import (
     notebook_html,
     number,
 )
+from safe_ompl.motions.constraints import Constraints, claims_of
+from safe_ompl.motions.limits import RateLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.pieces import piece_proofs
 from safe_ompl.motions.rates import DISTANCES, Violation, rate_violations, stops_of
+from safe_ompl.motions.stops import Stops
+from safe_ompl.motions.timing import time_path
+from safe_ompl.motions.trajectory import Trajectory
 from safe_ompl.motions.tube import tube_of
-from safe_ompl.paths import Constraints, claims_of
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
-from safe_ompl.trajectories import RateLimits, Stops, Trajectory, time_path
 
 _TOGETHER = 8  # motions that a process checks in one go
 TIME = 60.0  # [s] that a check may take by default

@@ -161,7 +161,8 @@ def named(names: Iterable[str], n: int) -> tuple[str, ...]:
 
 def path_states(path: Any, space: Any) -> FloatArray:
     """Return the configurations (N, n) of OMPL's `PathGeometric`, given its space or the robot."""
-    from safe_ompl.planning.ompl import StateBridge, joint_space  # who has no OMPL has no such path
+    # A PathGeometric can only exist if OMPL is installed, so importing OMPL here is safe.
+    from safe_ompl.robot import StateBridge, joint_space
 
     count = path.getStateCount()
     if not count:

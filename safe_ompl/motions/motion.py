@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, documents, finite_array, float_array, polynomials, shown
 from safe_ompl.motions import forms
+from safe_ompl.motions.limits import RATE_TOLERANCE
+from safe_ompl.motions.trajectory import Trajectory
 from safe_ompl.robot import Robot
-from safe_ompl.trajectories import RATE_TOLERANCE, Trajectory
 
 _ROUGH = 1e-9  # [rad or m] far below what proofs keep more than they must
 _TURNS = 4 * np.pi  # [rad] beyond which a joint that has limits is probably given in degrees

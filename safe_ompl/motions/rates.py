@@ -11,25 +11,16 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, polynomials
+from safe_ompl.motions.caps import MotionCaps
+from safe_ompl.motions.curve import BodySpeeds, Cells, CurvePoints, divided_edges
+from safe_ompl.motions.kernels import Boxes
+from safe_ompl.motions.limits import RATE_TOLERANCE, RateLimits
 from safe_ompl.motions.motion import Motion
+from safe_ompl.motions.separation import PeopleDistances
+from safe_ompl.motions.stops import Stops, stops_beside
+from safe_ompl.motions.timing import CELL_LENGTH, CELLS, within_tube
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People
-from safe_ompl.trajectories import (
-    CELL_LENGTH,
-    CELLS,
-    RATE_TOLERANCE,
-    BodySpeeds,
-    Boxes,
-    Cells,
-    CurvePoints,
-    MotionCaps,
-    PeopleDistances,
-    RateLimits,
-    Stops,
-    divided_edges,
-    stops_beside,
-    within_tube,
-)
 
 _KINDS = ("position", "velocity", "acceleration", "jerk")
 _UNITS = ("", "/s", "/s²", "/s³")

@@ -18,12 +18,11 @@ import numpy as np
 from safe_ompl.collision import MotionProver, Verdict
 from safe_ompl.common import FloatArray, InputError, IntArray, notebook_html, polynomials
 from safe_ompl.motions.checks import MotionCheck, check_with
+from safe_ompl.motions.limits import RateLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.pieces import PieceProof, piece_proofs
-from safe_ompl.paths import unrolled
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People
-from safe_ompl.trajectories import RateLimits
 
 # Of M distances and limits of joints: the row of the configuration (M,), gradients (M, n), and what is missing (M,).
 Shortfalls = tuple[IntArray, FloatArray, FloatArray]
@@ -187,7 +186,7 @@ class Displacement:
             path = connect(motion.knots[first], motion.knots[last])
             if path is None:
                 continue
-            path = unrolled(self._proof.checker.robot, np.vstack([motion.knots[first], path[1:]]))
+            path = self._proof.checker.robot.unrolled(np.vstack([motion.knots[first], path[1:]]))
             if np.abs(path[-1] - motion.knots[last]).max() > _SAME:
                 continue
             followed = _following(motion, path, first, last)

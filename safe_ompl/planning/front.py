@@ -8,10 +8,10 @@ from itertools import cycle, islice
 from typing import NamedTuple
 
 from safe_ompl.common import InputError, instance, number, seed as checked_seed, until_ctrl_c
-from safe_ompl.paths import PathCost, timed
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.run import noted_ctrl_c
 from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.planning.simplification import PathCost, timed
 
 _WEIGHTS = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 _PLANNERS = ("ClassicRRTConnect", "SafeRRTConnect")  # one finds short ways, one ways round what is dangerous

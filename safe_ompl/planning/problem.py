@@ -11,9 +11,9 @@ import numpy as np
 from ompl import base as ob, geometric as og
 
 from safe_ompl.common import CollisionError, FloatArray, InputError, PlanningError
-from safe_ompl.planning.ompl import ScratchState, WorkspaceGoal, states_of
+from safe_ompl.planning.ompl import WorkspaceGoal, states_of
 from safe_ompl.planning.planners import SafePlanner, accepts
-from safe_ompl.robot import Robot
+from safe_ompl.robot import Robot, ScratchState
 
 _log = logging.getLogger(__name__)
 

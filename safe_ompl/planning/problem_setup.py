@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ompl import geometric as og, util as ou
 
 import safe_ompl.motions as motions
-import safe_ompl.paths as paths
+import safe_ompl.planning.simplification as simplification
 import safe_ompl.scene as scenes
 from safe_ompl.collision import (
     CollisionChecker,
@@ -30,7 +30,7 @@ from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Box, Obstacle, Person, Sphere
 from safe_ompl.geometry.kernels import extreme_vertices
-from safe_ompl.paths import Constraints
+from safe_ompl.motions import Constraints
 from safe_ompl.planning.ompl import (
     REGION_TOLERANCE,
     RESOLUTION,
@@ -40,13 +40,11 @@ from safe_ompl.planning.ompl import (
     DangerObjective,
     RegionGoal,
     SampledValidity,
-    ScratchState,
     WorkspaceGoal,
-    joint_space,
 )
 from safe_ompl.planning.planners import NearestNode, SafeRRTConnect
 from safe_ompl.planning.problem import Problem
-from safe_ompl.robot import GoalRegion, Robot, place_of
+from safe_ompl.robot import GoalRegion, Robot, ScratchState, joint_space, place_of
 from safe_ompl.robot.kernels import descend, lay_edge, steer
 from safe_ompl.scene import Scene
 
@@ -373,17 +371,17 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         problem.addSolutionPath(solution, approximate, max(0.0, difference), name)
         self.problem.begin()
 
-    def report(self, path: ArrayLike) -> paths.PathReport:
+    def report(self, path: ArrayLike) -> simplification.PathReport:
         """Validate a path (N, n), and return the report on it; danger and clearance are computed when looked at."""
-        return paths.PathReport.of(path, self.checker, self.field, self.motion_prover)
+        return simplification.PathReport.of(path, self.checker, self.field, self.motion_prover)
 
-    def is_free(self, path: ArrayLike) -> paths.Validation:
+    def is_free(self, path: ArrayLike) -> simplification.Validation:
         """Return whether a path (N, n) may be driven in this scene, under the constraints set now.
 
         The `Validation` is true if so; else `why` names the edge and the pair, and `refused` holds them. An InputError
         if the path is empty, has the wrong shape, or is not finite.
         """
-        return paths.validate(path, self.motion_prover)
+        return simplification.validate(path, self.motion_prover)
 
     def getPlannerData(self, data: Any) -> None:
         """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`."""
@@ -436,7 +434,7 @@ def ask_for_danger() -> None:
     descend(step, q, _ANY_LENGTH, q, q, wraps)
     robot.joint_limits.hold(q)
     DangerField(robot, np.ones((1, 3))).values_and_gradients(np.zeros((1, robot.n)))
-    paths.Curve(robot, np.zeros((2, robot.n))).at(q[:1])
+    simplification.Curve(robot, np.zeros((2, robot.n))).at(q[:1])
 
 
 def ask_for_edges() -> None:

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.common import InputError
-from safe_ompl.motions import Motion, MotionCheck
+from safe_ompl.motions import BlendedCurve, Motion, MotionCheck
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario, Scene
-from safe_ompl.trajectories import BlendedCurve
 
 
 @dataclass(frozen=True)

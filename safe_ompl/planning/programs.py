@@ -33,13 +33,12 @@ from safe_ompl.common import (
     seed as checked_seed,
 )
 from safe_ompl.geometry import Obstacle, Pose
-from safe_ompl.motions import Motion
+from safe_ompl.motions import BlendedCurve, Motion, PathTimer, Trajectory
 from safe_ompl.planning.program_result import ProgramResult, Stretch
 from safe_ompl.planning.workcell import Driven, ImpossibleError, State, Workcell, named
 from safe_ompl.robot import Attachment, Robot
 from safe_ompl.scene import Attach, Detach, Goal, Gripper, Line, Move, Scenario, Seam, Wait, configuration_for
 from safe_ompl.tasks import Corridor, ToolPath, configurations_at
-from safe_ompl.trajectories import BlendedCurve, PathTimer, Trajectory
 
 PROGRAM_TIME = 20.0  # [s]
 _STEP_DONE = 2.0  # [s] that a planned step counts less

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import safe_ompl.danger as dangers
-import safe_ompl.paths as paths
-import safe_ompl.trajectories as trajectories
+import safe_ompl.motions as motions
+import safe_ompl.planning.simplification as simplification
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import Counts, FloatArray, InputError, StaleSceneError, notebook_html
 from safe_ompl.danger import DangerField
@@ -62,7 +62,7 @@ class PlanResult:
 
     status: str
     path: FloatArray | None
-    report: paths.PathReport | None
+    report: simplification.PathReport | None
     planner: str
     seed: int
     joint_names: tuple[str, ...]
@@ -80,7 +80,7 @@ class PlanResult:
     danger: Mapping[str, Any] | None = field(default=None, repr=False, compare=False)
     motion: MotionProver | None = field(default=None, compare=False, repr=False)
 
-    def timed(self, limits: trajectories.RateLimits | None = None, **options: Any) -> trajectories.Trajectory:
+    def timed(self, limits: motions.RateLimits | None = None, **options: Any) -> motions.Trajectory:
         """Return the path as a trajectory; parameters and errors of `time_path`.
 
         An InputError if there is no path, or the result comes from another process, where only `time_path` helps; a
@@ -94,7 +94,7 @@ class PlanResult:
             raise StaleSceneError("obstacles have moved since this was planned: plan again, or call time_path")
         if options.get("max_danger") is not None and self.danger is not None:
             options = {"danger": dangers.KinetostaticField(self.danger_field()), **options}
-        return trajectories.time_path(self.path, self.motion.checker.robot, limits, motion=self.motion, **options)
+        return motions.time_path(self.path, self.motion.checker.robot, limits, motion=self.motion, **options)
 
     def danger_field(self) -> DangerField:
         """Return the danger field that was planned with; `KinetostaticField` has that of the robot in motion.

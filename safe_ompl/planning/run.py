@@ -16,13 +16,13 @@ import numpy as np
 from ompl import base as ob
 
 import safe_ompl.common as common
-import safe_ompl.paths as paths
+import safe_ompl.planning.simplification as simplification
 from safe_ompl.common import Counts, FloatArray, PlanningError, clock, number, until_ctrl_c
 from safe_ompl.planning.planners import SafePlanner, nodes_of
 from safe_ompl.planning.result import Improvement, PlanResult
 
 if TYPE_CHECKING:
-    from safe_ompl.paths import Simplifier, Stop
+    from safe_ompl.planning.simplification import Simplifier, Stop
 
 _log = logging.getLogger(__name__)
 
@@ -62,7 +62,7 @@ def stopping(time: Any) -> Stop:
         return lambda: bool(time())
     if not isinstance(time, bool) and isinstance(time, (int, float)) and time == 0:
         return lambda: False
-    return paths.timed(number("time of simplification", time, above=0.0, kind="number of seconds"))
+    return simplification.timed(number("time of simplification", time, above=0.0, kind="number of seconds"))
 
 
 @dataclass(eq=False, repr=False)
@@ -112,7 +112,7 @@ def optimise(search: Search, simplifier: Simplifier, seconds: float, stop: Stop 
     start, and a time limit [s], to a path (N, n) or None. When several starts in a row have found nothing better, the
     best path is refined: more way points, smaller gains. Ctrl-C ends it early; what was found stands.
     """
-    begin, over, found = clock(), paths.timed(seconds, stop), Optimisation([], [])
+    begin, over, found = clock(), simplification.timed(seconds, stop), Optimisation([], [])
     best, stale, refinement, start = np.inf, 0, 0, 0
 
     def better(path: FloatArray, cost: float) -> None:

@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike
 from ompl import base as ob
 
 import safe_ompl.motions as motions
-import safe_ompl.paths as paths
+import safe_ompl.planning.simplification as simplification
 import safe_ompl.scene as scenes
 import safe_ompl.tasks as tasks
-import safe_ompl.trajectories as trajectories
 from safe_ompl.common import (
     FloatArray,
     InputError,
@@ -63,7 +62,7 @@ class SafeSetup(ProblemSetup):
     """
 
     _simplification_time = 0.0
-    _simplifier: paths.Simplifier | None = None
+    _simplifier: simplification.Simplifier | None = None
     _simplification: Mapping[str, Any] = {}
 
     # -------------------------------------------------------------------------------------------- planning
@@ -222,7 +221,7 @@ class SafeSetup(ProblemSetup):
     def check(
         self,
         motion: Any,
-        limits: trajectories.RateLimits | None = None,
+        limits: motions.RateLimits | None = None,
         people: scenes.People | None = None,
         time: float | None = None,
     ) -> motions.MotionCheck:
@@ -233,7 +232,7 @@ class SafeSetup(ProblemSetup):
     def repair(
         self,
         motion: Any,
-        limits: trajectories.RateLimits | None = None,
+        limits: motions.RateLimits | None = None,
         people: scenes.People | None = None,
         *,
         time: float = 2.0,
@@ -249,7 +248,7 @@ class SafeSetup(ProblemSetup):
         *,
         start: ArrayLike | None = None,
         speed: float | None = None,
-        limits: trajectories.RateLimits | None = None,
+        limits: motions.RateLimits | None = None,
         seed: int = 0,
     ) -> tasks.ToolMotion:
         """Plan a motion of the tool along a curve under the constraints set now; see `safe_ompl.tool_motion`."""
@@ -259,7 +258,7 @@ class SafeSetup(ProblemSetup):
     # ----------------------------------------------------------------------------------------- simplification
 
     @property
-    def simplifier(self) -> paths.Simplifier:
+    def simplifier(self) -> simplification.Simplifier:
         """What makes paths cheaper; raises InputError if this setup plans without danger."""
         if self._simplifier is None or self._simplifier.checker is not self.checker:
             self.setSimplification(**self._simplification)
@@ -272,7 +271,7 @@ class SafeSetup(ProblemSetup):
         """Set options of the danger-aware simplification: names and errors as `Simplifier`, errors as `simplifier`."""
         if self.field is None:
             raise InputError("danger-aware simplification needs a danger field; this setup plans without danger")
-        self._simplifier = paths.Simplifier(self.checker, self.field, self.motion_prover, **options)
+        self._simplifier = simplification.Simplifier(self.checker, self.field, self.motion_prover, **options)
         self._simplification = options
 
     def simplifySolution(self, time: Any = 0.0) -> None:
@@ -415,7 +414,7 @@ def repair(
     scene: Scene,
     *,
     tube: ArrayLike | Mapping[str, float] | None = None,
-    limits: trajectories.RateLimits | None = None,
+    limits: motions.RateLimits | None = None,
     people: scenes.People | None = None,
     time: float = 2.0,
 ) -> motions.Repair:

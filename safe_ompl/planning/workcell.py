@@ -12,11 +12,10 @@ import pinocchio as pin
 
 from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import CollisionError, FloatArray, InputError, UnknownNameError, documents as document
-from safe_ompl.motions import Motion, MotionCheck, tube_of
+from safe_ompl.motions import BlendedCurve, Motion, MotionCheck, RateLimits, tube_of
 from safe_ompl.planning.safe_setup import SafeSetup, setup_scenario
 from safe_ompl.robot import Attachment, Robot
 from safe_ompl.scene import Attach, Detach, Goal, Gripper, Scenario, Scene
-from safe_ompl.trajectories import BlendedCurve, RateLimits
 
 _SLOWER, _TRIES = 1.25, 12  # times as long, where stops beside people are too late
 

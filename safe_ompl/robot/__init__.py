@@ -41,6 +41,11 @@ if TYPE_CHECKING:
         robots_folder as robots_folder,
     )
     from safe_ompl.robot.srdf import SrdfFile as SrdfFile, disabled_links as disabled_links, srdf_text as srdf_text
+    from safe_ompl.robot.states import (
+        ScratchState as ScratchState,
+        StateBridge as StateBridge,
+        joint_space as joint_space,
+    )
     from safe_ompl.robot.urdf import PackageFolders as PackageFolders, UrdfFile as UrdfFile, parsed as parsed
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

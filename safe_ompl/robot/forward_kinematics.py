@@ -213,6 +213,10 @@ class ForwardKinematics:
             delta[..., self.continuous] = wrapped - 2 * np.pi * np.round(wrapped / (2 * np.pi))
         return delta
 
+    def unrolled(self, path: FloatArray) -> FloatArray:
+        """Return the path (N, n) with continuous joints that do not jump where they wrap; others stay as they are."""
+        return kernel.unroll(plain(path), self.continuous)
+
     def within_limits(self, q: ArrayLike, tolerance: float = _WITHIN) -> BoolArray:
         """Return for each joint whether `q: (n,)` respects its limits; continuous joints always do, NaN never."""
         values = np.asarray(q, dtype=np.float64)

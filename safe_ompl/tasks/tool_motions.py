@@ -23,15 +23,13 @@ from safe_ompl.common import (
     whole_number,
 )
 from safe_ompl.danger import DangerField
-from safe_ompl.motions import Motion, MotionCheck, check_with, rate_violations
-from safe_ompl.paths import unrolled
+from safe_ompl.motions import Motion, MotionCheck, RateLimits, check_with, rate_violations
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.tasks.corridor import Corridor, CorridorProof, prove_corridor
 from safe_ompl.tasks.ladder import PRECISION, Costs, Ladder
 from safe_ompl.tasks.tip import Tip
 from safe_ompl.tasks.tool_path import Frames, ToolPath
-from safe_ompl.trajectories import RateLimits
 
 _STEP, _TURN = 0.03, 0.15  # [m] and [rad] between rungs at most
 _FEWEST = 6  # rungs
@@ -252,7 +250,7 @@ class _Search:
 
     def _proven(self, nodes: FloatArray, rungs: FloatArray, start: FloatArray | None) -> ToolMotion:
         """Return the motion through the nodes, refined if that can be proven, or why none of both can."""
-        nodes = unrolled(self._robot, nodes)
+        nodes = self._robot.unrolled(nodes)
         refined = self._refined(nodes, rungs, fixed=start is not None)
         made = self._made(refined, rungs)
         return made if made.along is not None or refined is nodes else self._made(nodes, rungs)

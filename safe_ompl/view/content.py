@@ -17,8 +17,8 @@ from safe_ompl.danger import DangerField
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
 from safe_ompl.io import TimedMotion, built_robot, built_scene, read_ticks
 from safe_ompl.motions import Motion, MotionCheck
-from safe_ompl.paths import Curve
 from safe_ompl.planning import PlanResult, ProgramResult, program_robot
+from safe_ompl.planning.simplification import Curve
 from safe_ompl.robot import Robot
 from safe_ompl.scene import CORE, Scene
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, finite_array
 from safe_ompl.geometry import surfaces
-from safe_ompl.paths import Curve
+from safe_ompl.planning.simplification import Curve
 from safe_ompl.view.rasteriser import nearest_triangles
 from safe_ompl.view.style import Colour
 from safe_ompl.view.surfaces import ColouredSurface, RobotBody, Surface, scene_surfaces

@@ -18,10 +18,9 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError
 from safe_ompl.io import ACCELERATION
-from safe_ompl.motions import MotionCheck
-from safe_ompl.paths import forced_danger
+from safe_ompl.motions import MotionCheck, MotionDanger, Trajectory
 from safe_ompl.planning import ProgramResult, Tradeoff
-from safe_ompl.trajectories import MotionDanger, Trajectory
+from safe_ompl.planning.simplification import forced_danger
 from safe_ompl.view.page import ALARM, ALONG, DANGER, DPI, GREY, add_legend_above, curve, draw_limit, page, set_title
 from safe_ompl.view.style import Colour, cap_colours, planner_styles, shades
 
@@ -41,7 +40,7 @@ def plot_plan(
 ) -> Any:
     """Draw the danger (S,) at equal steps of one path, and below it the clearance.
 
-    The levels of start and goal are marked; the avoidable danger is shaded (`safe_ompl.paths.measures.DangerReport`).
+    The levels of start and goal are marked; the avoidable danger is shaded (see `DangerReport`).
     Clearances (S',) [m] are given by what they are to, the most important one first. The planner decides the colour,
     its name is the default title. Without a file only the canvas of the figure is drawn. Raises InputError if an array
     is empty, has the wrong shape, or holds a value that is not finite.

@@ -16,7 +16,7 @@ from safe_ompl.certificates.verifier.bodies import Budget, PlainSpeeds
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.certificates.verifier.verify import Terms
 from safe_ompl.collision import CollisionChecker, MotionProver
-from safe_ompl.trajectories import RateLimits, time_path
+from safe_ompl.motions import RateLimits, time_path
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.5, -1.4, 0.5, 0, 0, 0], [0.8, -1.5, 0.6, 0.2, 0, 0]])
 PEOPLE = People(who=("ball",), speed=1.2, reaction_time=0.05, clearance=0.01)
@@ -31,7 +31,7 @@ def scene(clutter):
 def coarse():
     """Have trajectories of fewer cells: what is tested takes less time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
+        patch.setattr("safe_ompl.motions.timing.CELLS", 40)
         yield
 
 

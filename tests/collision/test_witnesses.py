@@ -6,7 +6,7 @@ from oracles.pinocchio_points import body_points
 
 from safe_ompl import CollisionChecker, InputError, Scene
 from safe_ompl.collision import PairDistances
-from safe_ompl.paths.cost import ObstacleCost
+from safe_ompl.planning.simplification.cost import ObstacleCost
 
 WITHIN = 0.15
 

@@ -13,7 +13,7 @@ from scipy import interpolate
 
 from safe_ompl import InputError, JointPath, Motion, PlanResult
 from safe_ompl.collision.motion import place
-from safe_ompl.planning.ompl import ScratchState, StateBridge, joint_space
+from safe_ompl.robot import ScratchState, StateBridge, joint_space
 
 N = 3
 

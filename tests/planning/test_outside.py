@@ -6,7 +6,7 @@ from ompl import geometric as og
 
 import safe_ompl
 from safe_ompl import Box, CollisionChecker, InputError, Obstacle, Pose, SafeSetup, Scene
-from safe_ompl.planning.ompl import ScratchState, StateBridge, joint_space
+from safe_ompl.robot import ScratchState, StateBridge, joint_space
 
 START = np.array([-0.8, 0.3, 0.0, -2.0, 0.0, 2.3, 0.8])
 GOAL = START * [-1, 1, 1, 1, 1, 1, 1]

@@ -13,7 +13,7 @@ from ball import GOAL, IN_BALL, START, setup_for
 from ompl import base as ob, geometric as og, util as ou
 
 from safe_ompl import PlanningError, SafeSetup, Scene
-from safe_ompl.planning.ompl import ScratchState, StateBridge
+from safe_ompl.robot import ScratchState, StateBridge
 
 ASIDE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.1])
 

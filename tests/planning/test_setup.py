@@ -27,9 +27,8 @@ from safe_ompl import (
     time_path,
 )
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.ompl import ScratchState, StateBridge
 from safe_ompl.planning.planners import SafeRRTConnect, make_planner
-from safe_ompl.robot import RobotSpec
+from safe_ompl.robot import RobotSpec, ScratchState, StateBridge
 from safe_ompl.scene.scenario import Goal
 
 

@@ -9,8 +9,8 @@ from ompl import geometric as og
 
 from safe_ompl import Box, BubblePlanner, Obstacle, Pose, SafeRRTConnect, Scenario, Sphere
 from safe_ompl.common import CollisionError, InputError, StaleSceneError, UnknownNameError
-from safe_ompl.paths import Curve
 from safe_ompl.planning import SafeSetup, setup_scenario
+from safe_ompl.planning.simplification import Curve
 
 PLANNERS = ["SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect"]
 BALL = Obstacle("ball", Sphere(0.1), Pose((0.3, 0.5, 0.4)), weight=0.5)

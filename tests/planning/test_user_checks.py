@@ -8,7 +8,8 @@ from ball import GOAL, START, densely, setup_for
 from ompl import base as ob
 
 from safe_ompl import CollisionError, InputError, Verdict
-from safe_ompl.planning.ompl import SampledValidity, StateBridge
+from safe_ompl.planning.ompl import SampledValidity
+from safe_ompl.robot import StateBridge
 
 UP = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
 HIGH = START + 0.3 * UP

@@ -25,6 +25,7 @@ from safe_ompl.motions import (
     MeasuredTube,
     Motion,
     MotionCheck,
+    RateLimits,
     Repair,
     measured_tube,
     objection,
@@ -35,7 +36,6 @@ from safe_ompl.motions import (
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario
-from safe_ompl.trajectories import RateLimits
 from safe_ompl.view import ViewerContent, plots, save_page
 
 _UP = Context(prec=3, rounding=ROUND_CEILING)  # of widths: digits that are kept

@@ -20,6 +20,7 @@ from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
 from safe_ompl.io import TickLog, TicksFile
+from safe_ompl.motions import PathTimer, RateLimits, Trajectory, time_path
 from safe_ompl.people import HEIGHT, PELVIS, Recording, Surroundings, TrackedBody, Tracker, facing
 from safe_ompl.people.replanning import Leg, Replanner, ReplanningOptions, Tour
 from safe_ompl.people.simulation import (
@@ -37,7 +38,6 @@ from safe_ompl.people.simulation import (
 from safe_ompl.planning import PROGRAM_TIME, ProgramResult, SafeSetup, plan_program, program_robot, setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Move, People, Scenario, Scene
-from safe_ompl.trajectories import PathTimer, RateLimits, Trajectory, time_path
 from safe_ompl.view import read_recording, save_page
 
 _log = logging.getLogger(__name__)

@@ -28,11 +28,10 @@ from safe_ompl.apps.exchange.messages import by_name, goal_of
 from safe_ompl.apps.exchange.sightings import CloudView, Joints, Sightings
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, Section, UnknownNameError, key, number
 from safe_ompl.geometry import Obstacle, Pose
-from safe_ompl.motions import Motion
+from safe_ompl.motions import Motion, State
 from safe_ompl.people import Tracker
 from safe_ompl.people.replanning import Command, Doing, Legs, Replanner, ReplanningOptions, Shield, stop_as_dict
 from safe_ompl.robot import Robot
-from safe_ompl.trajectories import State
 
 _log = logging.getLogger(__name__)
 

@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray
+from safe_ompl.motions import BodySpeeds
 from safe_ompl.people.kernels import CellFrames, Hulls
 from safe_ompl.robot import Robot
-from safe_ompl.trajectories import BodySpeeds
 
 _NOWHERE: FloatArray = np.zeros((0, 0))
 

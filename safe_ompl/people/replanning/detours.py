@@ -14,10 +14,10 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray
+from safe_ompl.motions import BlendedCurve, blended
 from safe_ompl.people.replanning.bodies import RobotBodies
 from safe_ompl.people.replanning.guard import Command
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits, line
-from safe_ompl.trajectories import BlendedCurve, blended
 
 _log = logging.getLogger(__name__)
 

@@ -25,13 +25,13 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.common import FloatArray, InputError, Section, key, number
 from safe_ompl.io import ticks_header
+from safe_ompl.motions import SEPARATION, ContactLimits, State
 from safe_ompl.people import ReachViolation, Surroundings
 from safe_ompl.people.replanning.bodies import RobotBodies
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin, PathLimits
 from safe_ompl.people.replanning.stop_motion import StopMotion
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
-from safe_ompl.trajectories import SEPARATION, ContactLimits, State
 
 _log = logging.getLogger(__name__)
 _Given = TypeVar("_Given", bound="Command")

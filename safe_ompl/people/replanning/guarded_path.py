@@ -10,11 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
-from safe_ompl.people import ReachSets
-from safe_ompl.people.kernels import Borne, CellFrames, cell_gaps, gaps
-from safe_ompl.people.replanning.bodies import RobotBodies
-from safe_ompl.people.replanning.stop_motion import BENDS, StopMotion, averaging_window
-from safe_ompl.trajectories import (
+from safe_ompl.motions import (
     BRAKING,
     CLAMPING,
     CONTACT,
@@ -37,6 +33,10 @@ from safe_ompl.trajectories import (
     speed_caps,
     velocity_cap,
 )
+from safe_ompl.people import ReachSets
+from safe_ompl.people.kernels import Borne, CellFrames, cell_gaps, gaps
+from safe_ompl.people.replanning.bodies import RobotBodies
+from safe_ompl.people.replanning.stop_motion import BENDS, StopMotion, averaging_window
 
 STEP = 0.02  # [rad] largest cell
 RETREAT_SPEED = 0.25  # [m/s] the reduced speed of ISO 10218

@@ -9,10 +9,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, finite_array, number, polynomials
-from safe_ompl.motions import Motion
+from safe_ompl.motions import BRAKING, BlendedCurve, Cells, Motion, Piece, RateLimits, State, bending_cap
 from safe_ompl.people.replanning.stop_motion import BENDS, averaging_window
 from safe_ompl.robot import Robot
-from safe_ompl.trajectories import BRAKING, BlendedCurve, Cells, Piece, RateLimits, State, bending_cap
 
 _SHARE = 0.5  # of the accelerations: what stops at full speed may take at least, and what velocities are approached by
 _JUMP = 2.0  # times the velocity limit: what needs more from one position to the next is a jump

@@ -29,6 +29,7 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray, InputError
+from safe_ompl.motions import SEPARATION, Trajectory
 from safe_ompl.people import ReachSets
 from safe_ompl.people.kernels import CellFrames, chords_ahead, separating_axes
 from safe_ompl.people.replanning.bodies import RobotBodies
@@ -38,7 +39,6 @@ from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, li
 from safe_ompl.people.replanning.stop_motion import StopMotion
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
-from safe_ompl.trajectories import SEPARATION, Trajectory
 
 _PUSHES = (1.0, 0.2, 0.0, -1.0)  # accelerations that are tried in retreats, from full acceleration to full braking
 _CRAWL = 0.3  # [rad/s] a robot that is slower tries whether a retreat gets
@@ -59,7 +59,7 @@ class Replanner(Guard):
 
     What is executed is always proven: the motion until the next tick and the stop on the path after it touch nobody
     who keeps to the reach model; or, where contact is allowed, only at speeds of the robot's own that the limb bears
-    (`safe_ompl.trajectories.contact`). At every tick the robot takes the fastest motion that is proven so against the
+    (`safe_ompl.motions.contact`). At every tick the robot takes the fastest motion that is proven so against the
     newest measurement. If there is none, or only slow ones, it retreats from who is near: that brings no body nearer to
     them, but who runs after it may touch it. Or it follows the stop of the tick before: its proof still holds, because
     it covers all that people may do until the robot stands. It goes on as soon as a motion is proven again.

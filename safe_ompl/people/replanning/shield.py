@@ -30,13 +30,12 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
 from safe_ompl.common import InputError, SafeOmplError, finite_array
-from safe_ompl.motions import Motion
+from safe_ompl.motions import BlendedCurve, Motion, Piece, RateLimits, State
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guard import Command, Doing, Guard
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits
 from safe_ompl.people.replanning.proposals import Positions, Velocity, least_brake, proposed_cap
 from safe_ompl.people.replanning.stop_motion import averaging_window
-from safe_ompl.trajectories import BlendedCurve, Piece, RateLimits, State
 
 _log = logging.getLogger(__name__)
 

@@ -4,7 +4,7 @@ Without a limit of the jerk s̈ is constant in each piece. With one these are pi
 
     s(t) = 1/w ∫ σ(τ) dτ,  τ from t − w to t,
 
-so that s̈ is continuous and s⃛ bounded (`safe_ompl.trajectories.time_law`). A motion then begins with what the plan did
+so that s̈ is continuous and s⃛ bounded (`safe_ompl.motions.time_law`). A motion then begins with what the plan did
 in the window before it, and the next motion goes on with that: nothing jumps between two ticks. The plan leaves no
 place more than w before the robot does.
 """
@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
-from safe_ompl.trajectories import BRAKING, RateLimits
+from safe_ompl.motions import BRAKING, RateLimits
 
 BENDS = 0.3  # share of the jerk that q‴ṡ³ may take
 _SHORTEST = 1e-4  # [s] of averages that rounding does not touch

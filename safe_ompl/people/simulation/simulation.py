@@ -13,11 +13,11 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import FloatArray, Section, fraction, key, number
+from safe_ompl.motions import Trajectory
 from safe_ompl.people import ReachSets, ReachViolation, Surroundings
 from safe_ompl.people.replanning import Command, Doing, Leg, Legs, Replanner, Tour
 from safe_ompl.people.simulation.movers import Drifting, PersonMover, Solid, World
 from safe_ompl.robot import Robot
-from safe_ompl.trajectories import Trajectory
 
 _FINE = 0.005  # [s] between two observations of the contact monitor
 _STILL = 1e-9  # [rad/s] slower than this is at rest

@@ -13,11 +13,6 @@ if TYPE_CHECKING:
         states_of as states_of,
     )
     from safe_ompl.planning.ompl.objective import DangerObjective as DangerObjective, StateCost as StateCost
-    from safe_ompl.planning.ompl.states import (
-        ScratchState as ScratchState,
-        StateBridge as StateBridge,
-        joint_space as joint_space,
-    )
     from safe_ompl.planning.ompl.validity import (
         RESOLUTION as RESOLUTION,
         CertifiedMotionValidator as CertifiedMotionValidator,

@@ -10,9 +10,19 @@ from ompl import base as ob, util as ou
 
 from safe_ompl.common import FloatArray, InputError, PlanningError, instance, number, whole_number
 from safe_ompl.danger import DangerField
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 from safe_ompl.planning.ompl.validity import bridge_of
-from safe_ompl.robot import METRES_PER_RADIAN, GoalRegion, Place, RegionPlace, Robot, approach, place_of, tip_reach
+from safe_ompl.robot import (
+    METRES_PER_RADIAN,
+    GoalRegion,
+    Place,
+    RegionPlace,
+    Robot,
+    ScratchState,
+    StateBridge,
+    approach,
+    place_of,
+    tip_reach,
+)
 
 TOLERANCE = 0.01  # [m]
 _PRECISION = 0.01  # of the tolerance: a solution is this near to the place

@@ -16,8 +16,8 @@ from ompl import base as ob, geometric as og
 
 from safe_ompl.common import FloatArray, halton_point
 from safe_ompl.danger import DangerField
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 from safe_ompl.planning.ompl.validity import CollisionFreeValidity, bridge_of
+from safe_ompl.robot import ScratchState, StateBridge
 
 _log = logging.getLogger(__name__)
 

@@ -10,8 +10,8 @@ from ompl import base as ob
 
 from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, number
-from safe_ompl.paths import ConfigurationCheck, Constraints, UserCheck
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge
+from safe_ompl.motions import ConfigurationCheck, Constraints, UserCheck
+from safe_ompl.robot import ScratchState, StateBridge
 
 
 class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]

@@ -10,13 +10,14 @@ import numpy as np
 
 from safe_ompl.collision import INSIDE, Bubble, bubbles
 from safe_ompl.common import FloatArray, InputError, IntArray, halton_point
-from safe_ompl.planning.ompl import CollisionFreeValidity, StateBridge
+from safe_ompl.planning.ompl import CollisionFreeValidity
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
 from safe_ompl.planning.planners.extend import ElasticBand, TangentialDescent
 from safe_ompl.planning.planners.prm import SafePRM
 from safe_ompl.planning.planners.problem import WORTHWHILE, DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import TwoTrees, branch
 from safe_ompl.planning.planners.turns import ROOT
+from safe_ompl.robot import StateBridge
 
 _LEAST_CLEARANCE = 1e-3  # [m]; points as near to contact as this are not closed: their bubbles lead nowhere
 _PATH_SHARE = 0.1  # weight of g: greedy, as in weighted A*

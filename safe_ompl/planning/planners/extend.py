@@ -14,12 +14,11 @@ from safe_ompl.collision import DistanceBounds, EdgeTables, MotionProver, Requir
 from safe_ompl.common import FloatArray
 from safe_ompl.danger import DangerField
 from safe_ompl.danger.kernels import PointDanger
-from safe_ompl.planning.ompl import StateBridge
 from safe_ompl.planning.planners import turns
 from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import Tree, Trees
 from safe_ompl.planning.planners.turns import SEARCH, Proofs, Space, Step, take_turns
-from safe_ompl.robot import plain
+from safe_ompl.robot import StateBridge, plain
 from safe_ompl.robot.kernels import descend, steer
 
 _STEPS = 40  # between two looks at the clock: some ms, beside which the call of the kernel takes little

@@ -11,13 +11,21 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.common import Counts, FloatArray
-from safe_ompl.planning.ompl import StateBridge, StateCost, WorkspaceGoal
+from safe_ompl.planning.ompl import StateCost, WorkspaceGoal
 from safe_ompl.planning.planners.base import Parameter, Query, SafePlanner
 from safe_ompl.planning.planners.extend import Extension, Growth, TangentialDescent
 from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.planning.planners.tree import PlannerGraph, Tree, Trees
-from safe_ompl.robot import Place, StepLimits, limited_step, motion_limits, pseudoinverse_step, transpose_step
+from safe_ompl.robot import (
+    Place,
+    StateBridge,
+    StepLimits,
+    limited_step,
+    motion_limits,
+    pseudoinverse_step,
+    transpose_step,
+)
 
 _LEAST_MARGIN = 0.01  # [m]; the clearance at the goal is unknown: little is tried before the margin ends
 _RANDOM_STARTS = 0.3  # share of the extensions towards the goal that begin at any node not chosen before

@@ -11,10 +11,10 @@ from ompl import base as ob
 
 from safe_ompl.collision import MotionProver, PairSet
 from safe_ompl.common import FloatArray
-from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, ScratchState, StateCost, bridge_of
+from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, StateCost, bridge_of
 from safe_ompl.planning.planners.tree import Trees
 from safe_ompl.planning.planners.turns import NARROW_PLACE, danger_share, lowered_margin
-from safe_ompl.robot import JointLimits, Robot
+from safe_ompl.robot import JointLimits, Robot, ScratchState
 
 _SHARE = 0.8  # of what start and goal keep; with all of it no motion could leave them
 _LEAST = 5e-4  # [m]; below this there is none

@@ -8,9 +8,10 @@ import numpy as np
 from ompl import base as ob
 
 from safe_ompl.common import Counts, FloatArray, IntArray
-from safe_ompl.planning.ompl import StateBridge, StateCost
+from safe_ompl.planning.ompl import StateCost
 from safe_ompl.planning.planners.nearest import NearestNode
 from safe_ompl.planning.planners.turns import NARROW, PRICED, ROOT, SIZE, SLOPED, Nodes
+from safe_ompl.robot import StateBridge
 
 _ROOM = 64  # nodes, at first
 

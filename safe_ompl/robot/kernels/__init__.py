@@ -287,6 +287,18 @@ def way(start: float, end: float, wraps: bool) -> float:
 
 
 @compiled
+def unroll(path: FloatArray, wraps: BoolArray) -> FloatArray:
+    """Return a path (N, n) with joints that do not jump where they wrap; the others stay as they are."""
+    points, turns = path.copy(), np.zeros(len(wraps))
+    for k in range(1, len(path)):
+        for i in range(len(wraps)):
+            step = way(path[k - 1, i], path[k, i], wraps[i])
+            turns[i] += np.rint((step - (path[k, i] - path[k - 1, i])) / _ROUND)
+            points[k, i] += _ROUND * turns[i]
+    return points
+
+
+@compiled
 def steer(q: FloatArray, target: FloatArray, wraps: BoolArray, step: float, out: FloatArray) -> float:
     """Write where a step from q towards a target (n,) leads, and its direction, (2, n); return ρ(q, target)."""
     length = 0.0

@@ -23,11 +23,11 @@ from safe_ompl import (
     time_path,
 )
 from safe_ompl.geometry import STANDING
+from safe_ompl.motions import contact_speed
 from safe_ompl.people import TrackedBody
 from safe_ompl.people.replanning import Doing, ReplanningOptions
 from safe_ompl.people.replanning.guard import contact_limits
 from safe_ompl.people.simulation import ContactMonitor, limb_solids, part_solids
-from safe_ompl.trajectories import contact_speed
 
 WAYS = [[-1.2, 0.0, 0, -2.0, 0, 2.2, 0.785], [1.2, 0.0, 0, -2.0, 0, 2.2, 0.785]]
 

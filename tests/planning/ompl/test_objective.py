@@ -10,7 +10,8 @@ from plane import PlaneProblem, SlopedHotSpot
 
 from safe_ompl import DangerField, DangerObjective, Pose, SafeRRTConnect, Scenario, Scene, make_planner
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.ompl import ScratchState, StateBridge, StateCost, joint_space
+from safe_ompl.planning.ompl import StateCost
+from safe_ompl.robot import ScratchState, StateBridge, joint_space
 
 
 class Squares(ob.OptimizationObjective):

@@ -19,8 +19,9 @@ from safe_ompl import (
 from safe_ompl.collision import Separation
 from safe_ompl.common import Counts, UnknownNameError
 from safe_ompl.danger import DangerField, DangerLimit
-from safe_ompl.paths import ConfigurationCheck
-from safe_ompl.planning.ompl import SampledValidity, ScratchState, StateBridge, bridge_of, joint_space
+from safe_ompl.motions import ConfigurationCheck
+from safe_ompl.planning.ompl import SampledValidity, bridge_of
+from safe_ompl.robot import ScratchState, StateBridge, joint_space
 
 DOWN = (0.0, 0.0, -1.0)
 

@@ -6,8 +6,8 @@ from ompl import base as ob, geometric as og
 
 from safe_ompl import WorkspaceGoal, make_planner, planner_names
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.ompl import ScratchState
 from safe_ompl.planning.planners import is_ours, needs_place
+from safe_ompl.robot import ScratchState
 
 OURS = [name for name in planner_names() if is_ours(name)]
 PRINTED = [name for name in planner_names() if name.startswith("Paper")]

@@ -12,7 +12,8 @@ from safe_ompl.collision import DISTANCE_ERROR, Bubble
 from safe_ompl.collision.bubbles import diamond_meetings, reach_along
 from safe_ompl.danger.link_field import vectors
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.ompl import ScratchState, StateBridge, StateCost
+from safe_ompl.planning.ompl import StateCost
+from safe_ompl.robot import ScratchState, StateBridge
 
 
 def branch(rows, node):

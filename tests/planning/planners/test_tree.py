@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given, settings
 from ompl import base as ob
 
-from safe_ompl.planning.ompl import StateBridge, StateCost
+from safe_ompl.planning.ompl import StateCost
 from safe_ompl.planning.planners import NearestNode
 from safe_ompl.planning.planners.tree import Tree, TwoTrees
+from safe_ompl.robot import StateBridge
 
 
 class Height(ob.OptimizationObjective):

@@ -1,0 +1,172 @@
+"""The danger of a robot that moves along a curve: bounds over whole cells, the cap of the speed, what a motion has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.danger import KinetostaticField
+from safe_ompl.danger.kernels import CellMotions, cell_bounds
+from safe_ompl.motions.curve import BlendedCurve, Cells, acceleration_bounds, divided_edges
+from safe_ompl.motions.time_law import TimeLaw
+from safe_ompl.robot import plain
+
+_HALVINGS = 50
+_FINEST = 1e-3  # [rad] no cell is divided into smaller ones
+_LOSS = 0.02  # share of the speed that the length of a cell may cost
+_ROUNDS = 3  # of division, for a cap
+_TIGHT = 1.02  # a proven peak of no more than this times the sampled one needs no finer cells
+_PEAK_ROUNDS = 8
+_PARTS = 3
+
+
+class CellDanger(NamedTuple):
+    """Bounds of the danger of a robot in cells: at the danger points at most level + ṡ·push, (N, M), unweighted."""
+
+    field: KinetostaticField
+    levels: FloatArray
+    pushes: FloatArray
+
+    def at(self, rates: FloatArray) -> FloatArray:
+        """Return a bound of the danger (N,) in cells where ṡ is `rates: (N,)`."""
+        with np.errstate(invalid="ignore"):  # 0·∞, where a point may be reached
+            fields = self.levels + rates[:, None] * self.pushes
+        return self.field.field.aggregated(np.where(np.isnan(fields), np.inf, fields))
+
+    def allowed(self, limit: float, most: FloatArray) -> FloatArray:
+        """Return the largest ṡ (N,) ≤ `most` with which the danger is proven to keep to a limit; −1: not at rest.
+
+        The bound is convex in ṡ: if it keeps to the limit at rest and at some speed, so it does at all between.
+        """
+        if self.field.field.aggregate == "max":
+            weights = self.field.field.weights
+            share = limit if weights is None else limit / weights
+            with np.errstate(divide="ignore", invalid="ignore"):
+                speeds = np.where(self.pushes > 0, (share - self.levels) / self.pushes, np.inf)
+            found = np.minimum(most, speeds.min(axis=1, initial=np.inf))
+        else:
+            found, bad = np.where(self.at(most) <= limit, most, 0.0), most
+            for _ in range(_HALVINGS):
+                middle = (found + bad) / 2
+                holds = self.at(middle) <= limit
+                found, bad = np.where(holds, middle, found), np.where(holds, bad, middle)
+        return np.where(self.at(np.zeros(len(most))) <= limit, found, -1.0)
+
+
+def cell_danger(
+    moving: KinetostaticField,
+    curve: BlendedCurve,
+    cells: Cells,
+    rows: IntArray,
+    rates: FloatArray,
+    enough: float,
+    within: bool = True,
+) -> CellDanger:
+    """Return bounds over cells (N,) of a curve, or not `within` them but in the centres, with ṡ ≤ `rates: (N,)`.
+
+    Where a danger point is proven, by a cheaper and looser bound, to bring no more danger than `enough`, that bound
+    will do, if the danger is the maximum over danger points.
+    """
+    halves = cells.sizes[rows] / 2 * within
+    field = moving.field
+    robot, points = field.robot, field.points
+    place = curve.at(cells.centres[rows])
+    keypoints, velocities, _ = robot.keypoint_motions(place.q, place.slope)
+    steps, bends = (plain(robot.coupling.reach(bound)) for bound in (cells.slopes[rows], cells.bends[rows]))
+    sliding = robot.joint_prismatic
+    turned = robot.joint_keypoint_support & ~sliding
+    accelerations = acceleration_bounds(plain(robot.bounds.joint_keypoint_radii), turned, steps, bends)
+    speeds = np.linalg.norm(velocities, axis=2) + halves[:, None] * accelerations
+    weights = np.ones(len(points)) if field.weights is None else field.weights
+    field.count(len(keypoints), len(points))
+    strokes = steps[:, sliding].sum(axis=1)
+    state = np.ascontiguousarray(keypoints), np.ascontiguousarray(velocities)
+    level, push = cell_bounds(
+        CellMotions(*state, speeds, accelerations, halves, strokes),
+        field.links,
+        plain(points),
+        moving.gamma,
+        field.weighting == "length",
+        moving.lead * rates,
+        (enough if field.aggregate == "max" else -np.inf) / (field.k1 * weights),
+    )
+    return CellDanger(moving, field.k1 * level, moving.k2 * push)
+
+
+def danger_cap(
+    curve: BlendedCurve, cells: Cells, danger: KinetostaticField, limit: float, most: FloatArray
+) -> tuple[Cells, IntArray, FloatArray]:
+    """Return the speeds with which the danger of the moving robot keeps to a limit, where ṡ ≤ `most: (N,)` in any case.
+
+    Along a curve the danger is φ + ṡ (φ′ + γI) k₂/k₁. Cells are divided where they bound the speed and are so long that
+    it makes a difference. Returned are the cells, the given ones in which they are, and the largest ṡ, −1 where the
+    danger at rest is above the limit.
+    """
+
+    def capped(rows: IntArray, *, within: bool = True) -> FloatArray:
+        at_most = most[parents[rows]]
+        return cell_danger(danger, curve, cells, rows, at_most, limit, within).allowed(limit, at_most)
+
+    parents: IntArray = np.arange(len(cells))
+    speeds, exact = capped(parents), most.copy()
+    new = np.ones(len(cells), dtype=bool)
+    for _ in range(_ROUNDS):
+        rows = np.flatnonzero(new & (speeds < most[parents]))
+        exact[rows] = capped(rows, within=False)
+        loss = 1 - np.maximum(speeds, 0) / np.maximum(exact, 1e-12)
+        wanted = np.minimum(np.ceil(loss / _LOSS), np.ceil(cells.sizes / _FINEST))
+        parts: IntArray = np.where(exact > 0, np.maximum(wanted, 1), 1).astype(np.intp)
+        if (parts == 1).all():
+            break
+        of = np.repeat(np.arange(len(cells)), parts)
+        cells = curve.between(divided_edges(cells.edges, parts))
+        parents, speeds, exact, new = parents[of], speeds[of], exact[of], parts[of] > 1
+        divided = np.flatnonzero(new)
+        speeds[divided] = capped(divided)
+        exact[divided] = most[parents[divided]]
+    return cells, parents, speeds
+
+
+@dataclass(frozen=True)
+class MotionDanger:
+    """The kinetostatic danger [k₁/m, or k₁] at times (T,) [s] of a motion, its mean, its peak, and a bound of that."""
+
+    times: FloatArray
+    values: FloatArray
+    mean: float
+    peak: float
+    proven_peak: float
+
+
+def motion_danger(curve: BlendedCurve, law: TimeLaw, field: KinetostaticField) -> MotionDanger:
+    """Return the danger of a robot that follows a law along a curve."""
+    cells = curve.between(law.edges)
+    middles = (law.times[1:] + law.times[:-1]) / 2
+    times = np.sort(np.concatenate([law.times, middles]))
+    cell, s, rate, _ = law.at(times)
+    place = curve.at(s, curve.piece_at(cells.centres)[cell])
+    values = field.values(place.q, place.slope * rate[:, None])
+    peak = float(values.max())
+    mean = float(np.trapezoid(values, times) / law.duration) if law.duration else peak
+    return MotionDanger(times, values, mean, peak, _proven_peak(curve, cells, law, field, peak))
+
+
+def _proven_peak(curve: BlendedCurve, cells: Cells, law: TimeLaw, danger: KinetostaticField, peak: float) -> float:
+    """Divide the cells whose bound is above the sampled peak until none is far above it; return the highest."""
+    enough = _TIGHT * peak
+    upper = np.zeros(len(cells))
+    rows: IntArray = np.arange(len(cells))
+    for _ in range(_PEAK_ROUNDS):
+        slowest, fastest = (rates[rows] for rates in law.rates_between(cells.edges))
+        bounds = cell_danger(danger, curve, cells, rows, fastest, enough)
+        upper[rows] = np.maximum(bounds.at(fastest), bounds.at(slowest))
+        above = upper > enough
+        if not above.any():
+            break
+        parts: IntArray = np.where(above, _PARTS, 1)
+        cells = curve.between(divided_edges(cells.edges, parts))
+        rows, upper = np.flatnonzero(np.repeat(above, parts)), np.repeat(upper, parts)
+    return float(upper.max())

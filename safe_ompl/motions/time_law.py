@@ -1,0 +1,338 @@
+"""Time laws: where on its curve a trajectory is at what time, with or without a limit of the jerk.
+
+Without it ṡ² is linear in every cell of the curve. With it such a law, the *plan* σ, is averaged over a window w; where
+the robot must stand the plan waits for w. `docs/mathematics.md` §9 says what the plan keeps to in all cells within
+reach, by c_k, A_k and B_k, so that the average keeps the limits. Without people A = B; beside them B is larger, for
+stops.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.motions.curve import BENDS, Cells
+from safe_ompl.motions.kernels import Boxes, fastest, spread
+from safe_ompl.motions.limits import RateLimits
+from safe_ompl.robot import plain
+
+_HALVINGS = 36
+_SHORTER, _WINDOWS = 0.75, 40  # windows that are tried: each the shorter by this; at most so many
+_LONGEST = 8.0  # the first of them, in times from no acceleration to all of it
+_SHORTEST = 1e-4  # [s] of averages that rounding does not touch
+_BENDS_BESIDE_PEOPLE = 0.1  # what `BENDS` is beside people
+BRAKING = 2 / 3  # share of the range of σ̈ that is for stops beside people
+_TIGHTER, _WIDER = 1 - 1e-9, 1 + 1e-9  # of limits, and of reach: what rounding takes
+
+
+@dataclass(frozen=True)
+class TimeLaw:
+    """Arc length by time: constant s̈ in every cell of a curve.
+
+    Of the grid points (N + 1,): `edges`, arc lengths; `squares`, x = ṡ² [rad²/s²]; `times`, when they are reached [s].
+    """
+
+    edges: FloatArray
+    squares: FloatArray
+    times: FloatArray
+
+    @classmethod
+    def through(cls, edges: FloatArray, squares: FloatArray) -> TimeLaw:
+        """Return the law with these ṡ² at the grid points; a cell takes 2h/(ṡ_start + ṡ_end)."""
+        return cls(edges, squares, np.concatenate([[0.0], np.cumsum(_spans(edges, squares))]))
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return float(self.times[-1])
+
+    @property
+    def knots(self) -> FloatArray:
+        """When s̈ jumps, or s⃛ where it is limited [s]; in any order."""
+        return self.times
+
+    @property
+    def pushes(self) -> FloatArray:
+        """s̈ (N,) in the cells [rad/s²]."""
+        sizes = np.diff(self.edges)
+        return np.divide(np.diff(self.squares), 2 * sizes, out=np.zeros(len(sizes)), where=sizes > 0)
+
+    def rates_between(self, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the least and the largest ṡ (C,) between arc lengths `edges: (C + 1,)`, grid points among them."""
+        ends = np.sqrt(np.interp(edges, self.edges, self.squares))
+        return np.minimum(ends[:-1], ends[1:]), np.maximum(ends[:-1], ends[1:])
+
+    def at(self, t: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+        """Return cell, s, ṡ and s̈ (T,) at times `t: (T,)` [s]; at rest before the start and after the end."""
+        cell: IntArray = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.edges) - 2)
+        since = np.clip(t, 0.0, self.duration) - self.times[cell]
+        push, begin = self.pushes[cell], np.sqrt(self.squares[cell])
+        rate = begin + push * since
+        s = self.edges[cell] + since * (begin + rate) / 2
+        outside = (t < 0) | (t > self.duration)
+        return (
+            cell,
+            np.clip(s, self.edges[cell], self.edges[cell + 1]),
+            np.where(outside, 0.0, np.maximum(rate, 0.0)),
+            np.where(outside, 0.0, push),
+        )
+
+    def planned(self, time: float) -> tuple[int, float, float]:
+        """Return cell, s and ṡ at a time [s]."""
+        cell, s, rate, _ = (x[0] for x in self.at(np.array([time])))
+        return int(cell), float(s), float(rate)
+
+    def stopped(self, time: float, edges: FloatArray, squares: FloatArray) -> TimeLaw:
+        """Return the law from a time [s] on that goes on with these ṡ² at grid points, from where it is."""
+        return TimeLaw.through(edges, squares)
+
+
+def _spans(edges: FloatArray, squares: FloatArray) -> FloatArray:
+    """Return how long the cells (N,) take."""
+    speeds = np.sqrt(squares)
+    sizes, both = np.diff(edges), speeds[:-1] + speeds[1:]
+    return np.asarray(np.divide(2 * sizes, both, out=np.zeros(len(sizes)), where=sizes > 0))
+
+
+def velocity_cap(cells: Cells, limits: RateLimits) -> FloatArray:
+    """Return the largest ṡ (N,) of each cell that keeps the joints' velocities: min_i limit_i/max|q′_i|."""
+    slopes = cells.slopes
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.where(slopes > 0, limits.velocity / slopes, np.inf).min(axis=1))
+
+
+def fastest_law(cells: Cells, acceleration: FloatArray, cap: FloatArray, push: FloatArray | None = None) -> FloatArray:
+    """Return ṡ² (N+1,) of the fastest law within accelerations (n,) of the joints and a `cap: (N,)` of ṡ in each cell.
+
+    The cap is no larger than velocities of the joints allow. |s̈| keeps to `push: (N,)` in each cell, if it is given.
+    """
+    boxes = cells.boxes
+    if push is not None:  # one joint more, whose q′ is 1/push and whose limit is 1
+        more = 1 / push[:, None]
+        boxes = Boxes(*(np.column_stack([box, k * more]) for box, k in zip(boxes, (1, 1, 0, 0), strict=True)))
+        acceleration = np.append(acceleration, 1.0) * _TIGHTER
+    within = cap * cap
+    most = np.minimum(np.append(within, 0.0), np.concatenate([[0.0], within]))
+    most[cells.stops] = 0.0
+    return np.asarray(fastest(cells.sizes, Boxes(*map(plain, boxes)), acceleration, most))
+
+
+# ------------------------------------------------------------------------------------------ with a limit of the jerk
+
+
+@dataclass(frozen=True)
+class SmoothLaw(TimeLaw):
+    """The average of a plan over a window w [s]; see the module. `squares` and `times` are those of the average.
+
+    Of the plan at the grid points (N + 1,): `plan_squares`, σ̇²; `arrivals` and `leaves`, when it comes and goes [s].
+    """
+
+    window: float
+    plan_squares: FloatArray
+    arrivals: FloatArray
+    leaves: FloatArray
+
+    @classmethod
+    def averaged(cls, edges: FloatArray, squares: FloatArray, stops: IntArray, window: float) -> SmoothLaw:
+        """Return the average of the plan with these σ̇² at the grid points, of which `stops` are waited in."""
+        waits = np.zeros(len(edges))
+        waits[stops] = window
+        leaves = np.concatenate([[0.0], np.cumsum(_spans(edges, squares) + waits[1:])])
+        return cls._of(edges, window, squares, leaves - waits, leaves)
+
+    @classmethod
+    def _of(
+        cls, edges: FloatArray, window: float, squares: FloatArray, arrivals: FloatArray, leaves: FloatArray
+    ) -> SmoothLaw:
+        times = np.append(leaves[:-1], arrivals[-1] + window)
+        law = cls(edges, np.zeros(len(edges)), times, window, squares, arrivals, leaves)
+        passed = law._passed(edges)
+        times = np.where((leaves > arrivals) | (edges == edges[0]) | (edges == edges[-1]), times, passed)
+        return replace(law, times=times, squares=law.at(times)[2] ** 2)
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return float(self.arrivals[-1] + self.window)
+
+    @property
+    def knots(self) -> FloatArray:
+        """When s⃛ jumps [s]: when a cell of the plan enters the window or leaves it; in any order."""
+        ends = np.append(self.leaves, self.arrivals)
+        return np.append(ends, ends + self.window)
+
+    def rates_between(self, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return bounds of ṡ; as `TimeLaw`, but not exact."""
+        times = np.maximum.accumulate(self._passed(edges))
+        ends, more = self.at(times)[2], np.diff(times) / 2 * np.abs(self._pushes).max()
+        low = np.minimum(ends[:-1], ends[1:]) - more
+        return np.maximum(low, 0.0), np.maximum(ends[:-1], ends[1:]) + more
+
+    def at(self, t: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+        """Return cell, s, ṡ and s̈ (T,) at times `t: (T,)` [s]; at rest before the start and after the end."""
+        now, before = self._plan(t), self._plan(t - self.window)
+        place, rate, push = ((a - b) / self.window for a, b in zip(now[:3], before[:3], strict=True))
+        last: IntArray = np.searchsorted(self.leaves, t, side="right") - 1
+        first: IntArray = np.searchsorted(self.arrivals, t - self.window, side="right") - 1
+        cell = np.searchsorted(self.edges, place, side="right") - 1
+        cell = np.clip(np.clip(cell, first, np.maximum(last, first)), 0, len(self.edges) - 2)
+        s = np.clip(place, self.edges[cell], self.edges[cell + 1])
+        outside = (t < 0) | (t > self.duration)
+        return cell, s, np.where(outside, 0.0, np.maximum(rate, 0.0)), np.where(outside, 0.0, push)
+
+    def jerks(self, t: FloatArray) -> FloatArray:
+        """Return s⃛ (T,) at times `t: (T,)` [s]."""
+        jerks = (self._plan(t)[3] - self._plan(t - self.window)[3]) / self.window
+        return np.where((t < 0) | (t > self.duration), 0.0, jerks)
+
+    def planned(self, time: float) -> tuple[int, float, float]:
+        """Return the cell in which the plan is at a time [s], σ and σ̇."""
+        _, place, rate, _ = (float(x[0]) for x in self._plan(np.array([time])))
+        return int(self._cell(np.array([time]))[0]), place, rate
+
+    def stopped(self, time: float, edges: FloatArray, squares: FloatArray) -> SmoothLaw:
+        """Return the law from a time [s] on whose plan goes on with these σ̇²; as `TimeLaw`."""
+        first, last = self._cell(np.array([time - self.window, time]))
+        past = np.s_[first : last + 1]
+        if self.arrivals[last + 1] <= time:  # it stands
+            past, edges, squares = np.s_[first : last + 2], edges[:0], squares[:0]
+        after = np.concatenate([[0.0], np.cumsum(_spans(edges, squares))])[: len(edges)]
+        return SmoothLaw._of(
+            np.concatenate([self.edges[past], edges]),
+            self.window,
+            np.concatenate([self.plan_squares[past], squares]),
+            np.concatenate([self.arrivals[past] - time, after]),
+            np.concatenate([self.leaves[past] - time, after]),
+        )
+
+    def _cell(self, t: FloatArray) -> IntArray:
+        """Return the cell (T,) of the plan; the one before where it waits."""
+        return np.asarray(np.clip(np.searchsorted(self.leaves, t, side="right") - 1, 0, len(self.edges) - 2))
+
+    def _plan(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return ∫σ, σ, σ̇ and σ̈ (T,) of the plan at times."""
+        cell = self._cell(t)
+        begin, push = np.sqrt(self.plan_squares[cell]), self._pushes[cell]
+        since, end = t - self.leaves[cell], self.arrivals[cell + 1] - self.leaves[cell]
+        inside = np.clip(since, 0.0, end)
+        place = self.edges[cell] + inside * (begin + inside * push / 2)
+        area = self._areas[cell] + inside * (self.edges[cell] + inside * (begin / 2 + inside * push / 6))
+        area += np.minimum(since, 0.0) * self.edges[cell] + np.maximum(since - end, 0.0) * self.edges[cell + 1]
+        moves = (t >= self.leaves[cell]) & (t < self.arrivals[cell + 1])
+        return area, place, np.where(moves, begin + inside * push, 0.0), np.where(moves, push, 0.0)
+
+    @cached_property
+    def _pushes(self) -> FloatArray:
+        return TimeLaw(self.edges, self.plan_squares, self.arrivals).pushes
+
+    @cached_property
+    def _areas(self) -> FloatArray:
+        """∫σ (N + 1,) up to when the plan leaves the grid points."""
+        spans, waits = self.arrivals[1:] - self.leaves[:-1], (self.leaves - self.arrivals)[1:]
+        begin = np.sqrt(self.plan_squares[:-1])
+        cells = spans * (self.edges[:-1] + spans * (begin / 2 + spans * self._pushes / 6))
+        return np.concatenate([[0.0], np.cumsum(cells + waits * self.edges[1:])])
+
+    def _passed(self, s: FloatArray) -> FloatArray:
+        """Return when arc lengths (S,) are passed, by bisection: s grows with time."""
+        cell = np.clip(np.searchsorted(self.edges, s, side="right") - 1, 0, len(self.edges) - 2)
+        early, late = self.arrivals[cell], self.arrivals[cell + 1] + self.window
+        for _ in range(_HALVINGS):
+            middle = (early + late) / 2
+            area = (self._plan(middle)[0] - self._plan(middle - self.window)[0]) / self.window
+            early, late = np.where(area <= s, middle, early), np.where(area <= s, late, middle)
+        return early
+
+
+@dataclass(frozen=True)
+class SmoothLimits:
+    """What plans keep to whose average over a window [s] keeps the limits of joints, in every cell; see the module.
+
+    The boxes of q′ and q″ of its `cells` hold those of all cells within reach, and 0 for q″. ṡ keeps to c of `caps`,
+    |σ̈| to A, `pushes`; by B, `brakes`, a stop may decelerate.
+    """
+
+    window: float
+    cells: Cells
+    caps: FloatArray
+    pushes: FloatArray
+    brakes: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        cells: Cells,
+        limits: RateLimits,
+        caps: FloatArray,
+        window: float,
+        *,
+        stops: bool = False,
+        share: float | None = None,
+    ) -> SmoothLimits:
+        """Return the limits in cells in which ṡ keeps to `caps: (N,)`; `stops` says whether it may stop at any time.
+
+        A `share` of the jerk may be that of q‴ṡ³.
+        """
+        assert limits.jerk is not None
+        usual, braking = (_BENDS_BESIDE_PEOPLE, BRAKING) if stops else (BENDS, 0.5)
+        share = usual if share is None else share
+        bends = cells.bends
+        with np.errstate(divide="ignore"):
+            caps = np.minimum(caps, np.cbrt((share * limits.jerk / cells.swings).min(axis=1)))
+            caps = np.minimum(caps, np.sqrt((limits.acceleration / bends).min(axis=1)))
+            left = limits.jerk * np.where(cells.swings > 0, 1 - share, 1.0)
+            span = (left / (cells.slopes / window + 3 * bends * (braking * caps)[:, None])).min(axis=1)
+        span = np.minimum(span, np.linalg.norm(limits.acceleration) / braking)[:, None]  # of σ̈
+        slope_low, slope_high, bend_low, bend_high = cells.boxes
+        low, high = np.minimum(bend_low, 0.0), np.maximum(bend_high, 0.0)
+        values = np.column_stack([slope_low, -slope_high, low, -high, span])
+        near = spread(cells.edges, _WIDER * window / 2 * caps, cells.stops, values, np.inf)
+        parts = zip((1, -1, 1, -1), np.split(near[:, :-1], 4, axis=1), strict=True)
+        wide = replace(cells, boxes=Boxes(*(sign * part for sign, part in parts)))
+        return cls(window, wide, caps, (1 - braking) * near[:, -1], braking * near[:, -1])
+
+    def cone(self, caps: FloatArray) -> FloatArray:
+        """Return what σ̇ keeps to (N, …) in each cell, so that ṡ keeps to `caps: (N, …)`."""
+        width, cells = self.window / 2, self.cells
+        reach = np.full(len(cells), width * caps.max() * (1 + 1e-9))  # what is farther away has no effect
+        return spread(cells.edges, reach, cells.stops, caps.reshape(len(cells), -1), width).reshape(caps.shape)
+
+    def plan(self, limits: RateLimits, caps: FloatArray) -> FloatArray:
+        """Return σ̇² (N + 1,) of the fastest plan, with ṡ ≤ `caps: (N,)` besides."""
+        caps = self.cone(np.minimum(caps, self.caps))
+        return fastest_law(self.cells, limits.acceleration, caps, push=self.pushes)
+
+    def law(self, limits: RateLimits, caps: FloatArray) -> SmoothLaw:
+        """Return the average of that plan."""
+        return SmoothLaw.averaged(self.cells.edges, self.plan(limits, caps), self.cells.stops, self.window)
+
+
+def best_window(cells: Cells, limits: RateLimits, caps: FloatArray, times: FloatArray | None = None) -> float:
+    """Return the window [s] with which a law takes the least time, about; of `SmoothLimits`, beside people."""
+    assert limits.jerk is not None
+    stops = times is not None
+    with np.errstate(divide="ignore"):
+        pushes = (limits.acceleration / cells.slopes).min(axis=1)
+    pushes = np.minimum(pushes, np.linalg.norm(limits.acceleration))
+    window = max(_LONGEST * float((cells.slopes * pushes[:, None] / limits.jerk).max()), _SHORTEST)
+    best, least, worse = window, np.inf, 0
+    for _ in range(_WINDOWS):
+        smooth = SmoothLimits.of(cells, limits, caps, window, stops=stops)
+        speeds, duration = caps, np.inf
+        if times is not None:
+            left = np.maximum(times.min(axis=1) - window, 0.0)
+            speeds = np.minimum(caps, np.minimum(smooth.brakes, pushes) * left)
+        if speeds.min() > 0:
+            spans = _spans(cells.edges, smooth.plan(limits, speeds))
+            duration = float(spans.sum()) + window * (len(cells.stops) + 1)
+        if duration < least:
+            best, least, worse = window, duration, 0
+        elif least < np.inf:
+            worse += 1
+        window *= _SHORTER
+        if worse == 3 or window < _SHORTEST:
+            break
+    return best

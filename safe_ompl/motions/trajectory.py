@@ -1,0 +1,322 @@
+"""A timed trajectory: joint values, velocities and accelerations at any time, and the points that are exported.
+
+Receivers join positions and velocities by cubics, and with accelerations by quintics; ROS 2's joint trajectory
+controller does. Samples of a motion that keeps its limits do not do: where its acceleration jumps between two of them a
+cubic has up to 5/3 of it, and a quintic more. So points stand where the acceleration jumps, or the jerk where that is
+limited, as far as that is needed, and evenly between these. What is left is driven slower.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import perm
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.common import FloatArray, InputError, float_array, notebook_html, number, polynomials
+from safe_ompl.danger import KinetostaticField
+from safe_ompl.motions.curve import BlendedCurve, CurvePoints, divided_edges
+from safe_ompl.motions.danger import MotionDanger, motion_danger
+from safe_ompl.motions.limits import RateLimits
+from safe_ompl.motions.time_law import SmoothLaw, TimeLaw
+from safe_ompl.scene import People
+
+RATE = 100.0  # [Hz]
+_INSTANT = 1e-9  # [s] Knots no farther apart are one.
+_BINDS = 1e-6  # relative: how near to its bound the speed must come for a cap to count as reached
+_SLOWER = 1e-3  # relative excess that slower driving takes care of, so that there are fewer points
+_NEAREST = 1e-4  # [s] of two points
+_WHOLE = 0.2  # of an interval: how long the first and the last are at least
+_TICK = 1e-9  # [s] messages have whole nanoseconds
+_ROUNDS = 20  # of driving slower; two in most cases
+
+
+class State(NamedTuple):
+    """Joint values, velocities and accelerations, (n,) or (T, n) [rad, rad/s, rad/s²; m where a joint slides]."""
+
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+
+
+@dataclass(frozen=True)
+class SpeedCap:
+    """A bound of the speed along the path, proven over whole cells: the largest ṡ in each (N,) [rad/s]; inf: any.
+
+    Its name is "joint velocity", "separation", "contact", "danger", "tool speed", "link speed", …; caps of the speed of
+    tool or links have a `limit` [m/s].
+    """
+
+    name: str
+    speeds: FloatArray
+    limit: float | None = None
+
+    @property
+    def least(self) -> float:
+        """The least that it allows anywhere [rad/s]."""
+        return float(self.speeds.min(initial=np.inf))
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A motion in time along a curve; made by `time_path`.
+
+    Attributes
+    ----------
+    curve : BlendedCurve
+        The path with its corners rounded.
+    law : TimeLaw
+        Where on the curve it is at what time.
+    limits : RateLimits
+        What joint velocities and accelerations, and jerks where limited, keep to at every instant.
+    caps : tuple of SpeedCap
+        What the speed along the path keeps to.
+    brakes : ndarray, shape (N,), or None
+        Deceleration along the path that a stop (of the plan, where the jerk is limited) takes in each cell [rad/s²];
+        caps by people rest on it.
+    people : People or None
+        Beside whom it stops in time.
+    tool_speed, link_speed : float or None
+        What the tip, and all points of all links, are no faster than [m/s].
+    danger_field, max_danger : KinetostaticField and float, or None
+        What the danger of the robot in motion keeps to.
+    """
+
+    curve: BlendedCurve
+    law: TimeLaw
+    limits: RateLimits
+    caps: tuple[SpeedCap, ...] = ()
+    brakes: FloatArray | None = None
+    people: People | None = None
+    tool_speed: float | None = None
+    link_speed: float | None = None
+    danger_field: KinetostaticField | None = None
+    max_danger: float | None = None
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The n joints."""
+        return self.limits.joint_names
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return self.law.duration
+
+    def __repr__(self) -> str:
+        caps = ", ".join(cap.name for cap in self.caps)
+        return f"Trajectory({self.duration:.3f} s, {self.curve.length:.3g} rad{', caps: ' + caps if caps else ''})"
+
+    def __str__(self) -> str:
+        """Say in a line each how long it takes, how long its curve is, and what bounds its speed."""
+        caps = ", ".join(cap.name for cap in self.caps) or "none"
+        return f"duration: {self.duration:.3f} s\nlength: {self.curve.length:.3g} rad\ncaps: {caps}"
+
+    _repr_html_ = notebook_html
+
+    def at(self, time: float | ArrayLike) -> State:
+        """Return the state at a time [s], or at times (T,); at rest before the start and after the end.
+
+        Where the acceleration jumps, between two cells, that of the later one. An InputError if a time is no number.
+        """
+        _, place, rate, push = self._places(time)
+        state = State(place.q, place.slope * rate, place.slope * push + place.bend * (rate * rate))
+        return state if np.ndim(time) else State(*(values[0] for values in state))
+
+    def jerks_at(self, time: float | ArrayLike) -> FloatArray:
+        """Return the jerk of the joints, (n,) or (T, n) [rad/s³ or m/s³], at a time or at times (T,) [s].
+
+        An InputError if the trajectory was made without a limit of it, as it has impulses then; or as `at`.
+        """
+        if not isinstance(self.law, SmoothLaw):
+            raise InputError("the jerk of the trajectory is not limited: give RateLimits a jerk")
+        times, place, rate, push = self._places(time)
+        jerk = self.law.jerks(times)[:, None]
+        jerks: FloatArray = place.swing * rate**3 + 3 * place.bend * rate * push + place.slope * jerk
+        return jerks if np.ndim(time) else jerks[0]
+
+    def _places(self, time: float | ArrayLike) -> tuple[FloatArray, CurvePoints, FloatArray, FloatArray]:
+        """Return times (T,), the places on the curve then, and ṡ and s̈ (T, 1)."""
+        times = np.atleast_1d(float_array(time, (None,) if np.ndim(time) else (), "time"))
+        if np.isnan(times).any():
+            raise InputError("time must be a number of seconds, got nan")
+        cell, s, rate, push = self.law.at(times)
+        edges = self.law.edges
+        place = self.curve.at(s, self.curve.piece_at((edges[cell] + edges[cell + 1]) / 2))
+        return times, place, rate[:, None], push[:, None]
+
+    def points(self, rate: float = RATE) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """Return times (T,) [s], and positions and velocities then, (T, n), as controllers take them.
+
+        With a limit of the jerk there are accelerations, too. The cubics, or quintics, through these points keep all
+        limits of the joints, which is proven (`safe_ompl.motions.trajectory`). For that points are not quite even,
+        and may be passed a little later than by `at`: by 0.1 % in most cases. There are `rate` of them in a second at
+        least [Hz]; an InputError if that is not positive.
+        """
+        number("rate", rate, above=0.0, kind="number of points per second")
+        smooth = isinstance(self.law, SmoothLaw)
+        edges, knots = self.law.edges, self.law.knots
+        # The jerk jumps between pieces of the curve, too.
+        pieces = np.searchsorted((edges[1:] + edges[:-1]) / 2, self.curve.starts)
+        knots = np.unique(np.append(knots, self.law.times[pieces]))
+        knots = knots[(np.diff(knots, prepend=0.0) > _INSTANT) & (knots < self.duration - _INSTANT)]
+        knots = np.concatenate([[0.0], knots, [self.duration]])
+        middles = (knots[1:] + knots[:-1]) / 2
+        highest = self.jerks_at(middles) if smooth else self.at(middles).qdd
+        steps = np.diff(highest / getattr(self.limits, self.limits.kinds[-1]), axis=0)
+        jumps = np.concatenate([[0.0], np.abs(steps).max(axis=1), [0.0]])
+        kinds = ("positions", "velocities", "accelerations")[: 2 + smooth]
+        times, states = points_within(lambda t: self.at(t)[: len(kinds)], knots, jumps, self.limits, rate)
+        return times, dict(zip(kinds, states, strict=True))
+
+    def stop_from(self, time: float) -> Trajectory:
+        """Return the stop on the path that begins at a time [s]: what is proven to end before anyone is reached.
+
+        It decelerates by the least of `brakes` from where it begins to where it is; where the jerk is limited the plan
+        does, of which the motion is the average (`safe_ompl.motions.time_law`), and the jerk keeps its limits. An
+        InputError if there is no such stop, for the trajectory was made without people; or the time is not one.
+        """
+        if self.brakes is None:
+            raise InputError("the trajectory was made without people: nothing says how it stops")
+        begin = number("time", time, at_least=0.0, at_most=self.duration)
+        cell, at, rate = self.law.planned(begin)
+        edges, squares, brake = [at], [rate * rate], np.inf
+        for k in range(cell, len(self.brakes)):
+            brake, end = min(brake, float(self.brakes[k])), float(self.law.edges[k + 1])
+            after = squares[-1] - 2 * brake * (end - edges[-1])
+            if after <= 0:
+                end, after = edges[-1] + squares[-1] / (2 * brake), 0.0
+            if end > edges[-1]:
+                edges.append(end)
+                squares.append(after)
+            if after == 0:
+                break
+        if len(edges) == 1:  # it stands already
+            edges, squares = [edges[0], edges[0]], [0.0, 0.0]
+        law = self.law.stopped(begin, np.array(edges), np.array(squares))
+        return Trajectory(self.curve, law, self.limits)
+
+    def binding(self) -> tuple[str | None, ...]:
+        """Return for each cell the name of the cap that its speed reaches, if any; elsewhere accelerations bind."""
+        squares = self.law.plan_squares if isinstance(self.law, SmoothLaw) else self.law.squares
+        fastest = np.sqrt(np.maximum(squares[1:], squares[:-1]))
+        names: list[str | None] = [None] * len(fastest)
+        least = np.min([cap.speeds for cap in self.caps], axis=0, initial=np.inf)
+        for cap in self.caps:
+            for k in np.flatnonzero((cap.speeds <= least) & (fastest >= cap.speeds * (1 - _BINDS))):
+                names[int(k)] = cap.name
+        return tuple(names)
+
+    def danger(self, field: KinetostaticField) -> MotionDanger:
+        """Return the danger of the robot in motion: over time, its mean, its peak, and a proven bound of the peak.
+
+        An InputError if a callable gives the danger points.
+        """
+        return motion_danger(self.curve, self.law, field)
+
+    def as_dict(self, rate: float = RATE) -> dict[str, Any]:
+        """Return the trajectory in the shape of ROS's `JointTrajectory`, with duration, limits and caps besides.
+
+        Parameters
+        ----------
+        rate : float
+            Points per second at least [Hz]; see `points`.
+
+        Returns
+        -------
+        dict
+            ``joint_names``; ``points``, each with ``time_from_start`` [s], ``positions`` and ``velocities``, and
+            ``accelerations`` where the jerk is limited; ``duration``; ``limits`` with ``velocity`` and
+            ``acceleration`` by joint; ``caps``, each with its ``name`` and ``least``, the least speed along the path
+            that it allows (None: any).
+        """
+        times, states = self.points(rate)
+        rows = zip(*(values.tolist() for values in states.values()), strict=True)
+        return {
+            "joint_names": list(self.joint_names),
+            "points": [
+                {"time_from_start": t, **dict(zip(states, row, strict=True))}
+                for t, row in zip(times.tolist(), rows, strict=True)
+            ],
+            "duration": float(times[-1]),
+            "limits": self.limits.as_dict(),
+            "caps": [{"name": cap.name, "least": cap.least if np.isfinite(cap.least) else None} for cap in self.caps],
+        }
+
+    def to_json(self, rate: float = RATE) -> str:
+        """Return `as_dict` as JSON."""
+        return json.dumps(self.as_dict(rate), allow_nan=False)
+
+
+def points_within(
+    at: Callable[[FloatArray], tuple[FloatArray, ...]],
+    knots: FloatArray,
+    jumps: FloatArray,
+    limits: RateLimits,
+    rate: float,
+) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+    """Return times (T,) [s] of points, whole nanoseconds, and the states there; they are proven to keep the limits.
+
+    `at` returns positions and velocities, and accelerations for quintics, each (S, n), at times (S,) of the motion. At
+    `knots: (K,)`, its ends among them, its acceleration, or its jerk, jumps by `jumps`, in limits. There are `rate`
+    points in a second at least. An ArithmeticError where rounding is larger than the limits: of points in less than
+    nanoseconds.
+    """
+    fixed = knots[[0, -1]]
+    inside = np.abs(knots - fixed.mean()) < np.ptp(fixed) / 2 - _WHOLE / rate
+    while True:
+        parts = np.ceil(np.diff(fixed) * rate * (1 - 1e-9)).astype(np.intp)
+        places = divided_edges(fixed, np.maximum(parts, 1))
+        times, states = _slower(at, places, 1.0)
+        after = np.clip(np.searchsorted(fixed, knots), 1, len(fixed) - 1)
+        apart = np.minimum(knots - fixed[after - 1], fixed[after] - knots)
+        worth = np.where((apart > _NEAREST) & inside, jumps, 0.0)
+        new = []
+        for k in np.flatnonzero(_excess(times, states, limits) > 1 + _SLOWER):
+            first, last = np.searchsorted(knots, places[k : k + 2])
+            best = first + int(worth[first:last].argmax()) if first < last else first
+            if worth[best] > _SLOWER:
+                new.append(knots[best])
+        if not new:
+            break
+        fixed = np.union1d(fixed, new)
+    factor = 1.0
+    for _ in range(_ROUNDS):
+        excess = float(_excess(times, states, limits).max())
+        if excess <= 1:
+            return times, states
+        factor *= excess + _TICK
+        times, states = _slower(at, places, factor)
+    raise ArithmeticError(f"limits are kept by no points {places[-1]} s")
+
+
+def _slower(
+    at: Callable[[FloatArray], tuple[FloatArray, ...]], places: FloatArray, factor: float
+) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+    """Return when places (T,) [s] of the motion are passed if that takes longer by a factor, and the states there."""
+    times = np.round(factor * places / _TICK) * _TICK
+    asked = np.append(times[:-1] / factor, places[-1] + 1.0)  # at the end, and at rest
+    return times, tuple(values / factor**order for order, values in enumerate(at(asked)))
+
+
+def _excess(times: FloatArray, states: tuple[FloatArray, ...], limits: RateLimits) -> FloatArray:
+    """Return by what factor (T − 1,) the pieces between points are to be slower to keep the limits."""
+    spans = np.diff(times)[:, None]
+    ends = [np.stack([values[:-1], values[1:]], axis=1) for values in states]
+    held, rounding = polynomials.hermite(spans[:, 0], *ends, *[None] * (3 - len(ends)))
+    degree, factor = held.shape[1] - 1, np.zeros(len(spans))
+    for order, kind in enumerate(limits.kinds, start=1):
+        held = held[:, 1:] * np.arange(1.0, held.shape[1])[:, None] / spans[..., None]
+        error = (degree + 3) * polynomials.EPS * np.abs(held).sum(axis=1)
+        error += perm(degree, order) * rounding / spans**order
+        rows, most = np.moveaxis(polynomials.bernstein(held), 1, 2), getattr(limits, kind)
+        bound = np.abs(rows).max(axis=2)
+        over = bound + error > most
+        if over.any():
+            bound[over] = np.maximum(polynomials.peaks(rows[over]).bound, polynomials.peaks(-rows[over]).bound)
+        factor = np.maximum(factor, ((bound + error) / most).max(axis=1) ** (1 / order))
+    return factor

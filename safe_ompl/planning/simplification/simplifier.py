@@ -1,0 +1,301 @@
+"""The simplifier: paths of one robot in one scene become shorter and safer, and are proven at every step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.collision import CollisionChecker, MotionProver
+from safe_ompl.common import FloatArray, InputError, clock, finite_array, number, until_ctrl_c
+from safe_ompl.danger import DangerField
+from safe_ompl.planning.simplification.cost import (
+    WEIGHT,
+    ActiveSetCost,
+    DangerDensity,
+    ObstacleCost,
+    PathCost,
+    reference_danger,
+)
+from safe_ompl.planning.simplification.descent import BestPath, Better, ProvenDescent, Terms
+from safe_ompl.planning.simplification.edges import MOST, EdgeProofs, joined, retreat, shortcut
+from safe_ompl.planning.simplification.measures import divided, path_length, refined
+from safe_ompl.robot import motion_limits
+
+Stop = Callable[[], bool]
+
+_SPACING = 0.5  # [rad] way points are no farther apart when the descent begins; then they move
+_LONGER = 1.25  # times the given path no path becomes longer
+_CONVERGED = 0.06  # a round that lowers the cost by less than this share is the last
+_SAME = 1e-4  # [m] clearances that differ by less are the same
+_FEW = 14  # way points between which shortcuts are looked for after the descent
+_WORTHWHILE = 0.08  # share of the cost that shortcuts after the descent must save to be taken,
+_PROMISING = 0.04  # and by an estimate to be proven
+_ALLOWANCE = 1.3  # clearance below this times that of the nearer end costs most
+
+
+def timed(seconds: float, stop: Stop | None = None) -> Stop:
+    """Return a predicate that says stop after some seconds from now, or when `stop` does."""
+    end = clock() + seconds
+    return lambda: clock() >= end or (stop is not None and stop())
+
+
+class Simplifier:
+    """Lowers J = ∫ (1 + λ·CDF(q)²) ds of paths of one robot in one scene, and an obstacle cost with it.
+
+    First shortcuts, which gain most for the least work: the cheapest chain of straight motions between the path's way
+    points. Then retreats: ends that are near obstacles are left by the steepest way, unless `clearance` is 0. Then
+    descent along the exact gradient of the cost, all way points between the retreats at once; after a few steps what
+    has become of the path must be cheaper and proven, and way points beside an edge that is not proven go back.
+    Shortcuts that then save much lead out of a poor minimum, to one more descent. It ends when a round of steps gains
+    little; that does not depend on the clock.
+
+    Every path on the way is proven. Its J is not above that of the given path, its least clearance not below its own by
+    more than 0.1 mm, unless `clearance` is 0.
+
+    Parameters
+    ----------
+    checker, field, motion : CollisionChecker, DangerField, MotionProver
+        Robot and scene, the danger, and what proves edges; by default a `MotionProver` with the checker.
+    weight : float
+        λ·reference(CDF)², with the median danger over valid configurations as reference: where the danger is that,
+        a radian of path costs `weight` radians besides its own length.
+    clearance : float
+        [m] Nearness to obstacles counts below this; 0: never, paths may come as near as they are proven free.
+
+    Raises
+    ------
+    InputError
+        If an option is out of range.
+    """
+
+    def __init__(
+        self,
+        checker: CollisionChecker,
+        field: DangerField,
+        motion: MotionProver | None = None,
+        *,
+        weight: float = WEIGHT,
+        clearance: float = 0.07,
+    ) -> None:
+        self.robot = checker.robot
+        self.checker = checker
+        self.motion = motion or MotionProver(checker)
+        self.spacing, self.precision = _SPACING, _CONVERGED
+        self.obstacle_cost = ObstacleCost(checker, clearance) if clearance else None
+        self.most_kept = np.inf  # [m] of a given path's clearance; see `weighing`
+        self._field, self._weight = field, weight
+        self._revisions: tuple[int, int] | None = None
+        self._follow()
+
+    def _follow(self) -> None:
+        """Measure what the danger is compared with in the scene as it is now, unless that is known."""
+        revisions = self.checker.revision, self._field.revision
+        if revisions == self._revisions:
+            return
+        self._revisions = revisions
+        reference = reference_danger(self._field, self.checker)
+        self._danger = DangerDensity(self._field, reference, self._weight)
+        self._cost = PathCost(self.robot, [self._danger])
+
+    @property
+    def danger(self) -> DangerDensity:
+        """The cost of danger of a radian of path."""
+        self._follow()
+        return self._danger
+
+    @property
+    def cost(self) -> PathCost:
+        """J of paths."""
+        self._follow()
+        return self._cost
+
+    def proving_by(self, motion: MotionProver) -> Simplifier:
+        """Return the same simplifier whose edges another `MotionProver` proves."""
+        other = copy(self)
+        other.motion = motion
+        return other
+
+    def weighing(self, weight: float) -> Simplifier:
+        """Return a simplifier with another weight of danger, whose paths need not stay far from obstacles.
+
+        It keeps no more of a given path's clearance than counts as near: from there all weights reach their minima.
+        """
+        other = copy(self)
+        other._weight, other._revisions = weight, None
+        other.most_kept = 0.0 if self.obstacle_cost is None else self.obstacle_cost.distance
+        return other
+
+    def refined(self, times: int) -> Simplifier:
+        """Return a simplifier that goes on where this one ends: so often half the spacing and a quarter of the gain."""
+        finer = copy(self)
+        finer.spacing = self.spacing / 2**times
+        finer.precision = self.precision / 4**times
+        return finer
+
+    def begin(
+        self, path: ArrayLike, stop: Stop, on_better: Better | None = None, *, proven: bool = False
+    ) -> SimplificationRun:
+        """Return what makes a path better; arguments and errors as `simplify`.
+
+        `on_better` is told every better path (N', n) as soon as it is proven, and its J for the danger points that
+        matter near it. When others turn out to matter, such a path may be taken back.
+        """
+        checked = finite_array(path, (None, self.robot.n), "path")
+        if len(checked) < 2:
+            raise InputError(f"path must have two configurations at least, got {len(checked)}")
+        return SimplificationRun(self, self.robot.unrolled(checked), stop, on_better, proven)
+
+    def simplify(self, path: ArrayLike, stop: Stop | float, *, proven: bool = False) -> FloatArray:
+        """Return a path that is proven as the given one is, and cheaper: shorter, safer, farther from obstacles.
+
+        Parameters
+        ----------
+        path : array_like, shape (N, n)
+            Way points from start to goal [rad or m]; every edge must be proven free.
+        stop : callable or float
+            Asked between steps: when it returns True, that is the end. Or a time limit [s]. Whatever ends it, Ctrl-C
+            too, the best proven path so far is returned; only the proof of the given path comes first.
+        proven : bool
+            Whether the path is known to be proven, which saves its proof.
+
+        Returns
+        -------
+        ndarray, shape (N', n)
+            The ends are those of the given path, but for full turns of continuous joints.
+
+        Raises
+        ------
+        InputError
+            If the path has the wrong shape, is not finite, or has an unproven edge, or the time is not positive.
+        """
+        if not callable(stop):
+            stop = timed(number("time", stop, above=0.0))
+        run = self.begin(path, stop, proven=proven)
+        with until_ctrl_c():
+            run.improve()
+        return run.best
+
+
+class SimplificationRun:
+    """A run that lowers the cost of one unrolled path, step by proven step, the cheapest gains first.
+
+    An InputError if the path is neither `proven` already nor proven free.
+    """
+
+    def __init__(
+        self, simplifier: Simplifier, path: FloatArray, stop: Stop, on_better: Better | None, proven: bool
+    ) -> None:
+        self._simplifier = copy(simplifier)  # its settings as they are now
+        self._danger = simplifier.danger
+        self._robot = simplifier.robot
+        self._stop = stop
+        self._best = BestPath(path, on_better)
+        self._limits = motion_limits(self._robot)
+        self._proofs = EdgeProofs(simplifier.motion, stop)
+        if proven:
+            self._proofs.accept(path)
+        else:
+            self._proofs.check(path)
+        longest = _LONGER * path_length(path)
+        self._terms = Terms(self._proofs, self._limits, longest, simplifier.precision)
+
+    @property
+    def best(self) -> FloatArray:
+        """The best path (N', n) so far: always proven, and not above the given path's J as far as is known."""
+        return self._best.path
+
+    def improve(self) -> None:
+        """Make the path cheaper until the cost falls no more."""
+        if self._stop():
+            return
+        self._look_around()
+        self._shorten()
+        self._descend()
+        # Shortcuts between way points that have descended may lead out of a poor minimum.
+        if not self._stop() and self._shorten(_FEW, (1.0 - _WORTHWHILE) * self._cost.of(self.best)):
+            self._descend()
+
+    def _descend(self) -> None:
+        """Leave ends that need it, and descend."""
+        if self._stop() or not path_length(self.best):
+            return  # where the start is the goal, nothing is shorter
+        shortened = self._divided(self.best)
+        if self._descend_between_retreats(shortened) or self._stop():
+            return
+        descent = self._descent(shortened, (shortened[:1], shortened[-1:]))
+        descent.leads = True
+        descent.run()
+
+    def _look_around(self) -> None:
+        """Find out what the given path keeps from obstacles, and what it costs."""
+        self._obstacles = self._simplifier.obstacle_cost
+        if self._obstacles is not None:
+            ends, least = self._obstacles.clearances(self.best)
+            self._obstacles = self._obstacles.afresh(_ALLOWANCE * ends)
+            kept = min(least, self._simplifier.most_kept)
+            self._proofs.keep(max(0.0, kept - _SAME) if np.isfinite(kept) else 0.0)
+        self._cost = ActiveSetCost(self._danger, self._obstacles, self.best)
+        self._best.ceiling = self._cost.ceiling
+
+    def _shorten(self, most: int = MOST, worth: float = np.inf) -> bool:
+        """Take shortcuts between up to `most` way points, if the path then costs no more; return whether."""
+        estimate = 1.0 if worth == np.inf else 1.0 - _PROMISING
+        shorter = self._shortcut(partial(shortcut, most=most, worth=estimate), self.best)
+        if shorter is None or path_length(shorter) > self._terms.longest:
+            return False
+        self._cost.look_at(shorter)  # where the given path has not been, other danger points may matter
+        cost = self._cost.of(shorter)
+        if cost > worth or not self._best.take(shorter, cost):
+            return False
+        self._best.confirm(cost)
+        return True
+
+    def _descend_between_retreats(self, path: FloatArray) -> bool:
+        """Leave ends that are near obstacles by retreats, and descend between; return whether that is the best."""
+        start = self._retreat(path[0])
+        goal = self._retreat(path[-1])
+        apart = np.linalg.norm(self._robot.difference(start[0], goal[0]))
+        if len(start) == len(goal) == 1 or apart <= path_length(start) + path_length(goal):
+            return False  # nothing to leave, or nowhere to go from there
+        if self._proofs.refused(start) or self._proofs.refused(goal[::-1]):
+            return False
+        between = self._shortcut(joined, np.concatenate([start[-1:], path[1:-1], goal[-1:]]))
+        if between is None or sum(map(path_length, (start, between, goal))) > self._terms.longest:
+            return False
+        if self._stop():
+            return False
+        goal = goal[::-1] + (between[-1] - goal[-1])  # continuous joints may have been unwound
+        descent = self._descent(self._divided(between), (start, goal))
+        # Ends that are left well may cost more than shortcuts, though not more than the given path.
+        whole = np.concatenate([start[:-1], between, goal[1:]])
+        descent.leads = self._best.take(whole, descent.price.cost)
+        descent.run()
+        return descent.leads
+
+    def _retreat(self, end: FloatArray) -> FloatArray:
+        if self._obstacles is None:
+            return end[None]
+        return retreat(end, self._obstacles, self._danger.field, self._limits, self._stop)
+
+    def _shortcut(self, method: Callable[..., FloatArray | None], path: FloatArray) -> FloatArray | None:
+        found = method(path, self._cost, self._proofs, self._stop)
+        return None if found is None else self._robot.unrolled(found)
+
+    def _divided(self, path: FloatArray) -> FloatArray:
+        """Return the same path with way points where the descent needs them."""
+        path = divided(path, self._simplifier.spacing)
+        obstacles = self._obstacles
+        if obstacles is not None:
+            path = refined(path, lambda Q: obstacles.near(Q).rows)
+        self._proofs.inherit(path)
+        return path
+
+    def _descent(self, path: FloatArray, retreats: tuple[FloatArray, FloatArray]) -> ProvenDescent:
+        """Return the descent of a path (N, n) between two that stay."""
+        start, goal = retreats
+        self._cost.look_at(np.concatenate([start[:-1], path, goal[1:]]))
+        return ProvenDescent(path, retreats, self._cost, self._terms, self._best, self._stop)

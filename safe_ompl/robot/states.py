@@ -1,0 +1,205 @@
+"""The bridge between OMPL states and NumPy arrays, for spaces of joint values."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+import threading
+from collections.abc import Iterator
+from functools import partial
+from itertools import chain, groupby
+from typing import Any
+
+import numpy as np
+from ompl import base as ob
+
+from safe_ompl.common import BoolArray, FloatArray, InputError, PerThread, PlanningError
+from safe_ompl.robot.robot import Robot
+
+_new_capsule = ctypes.pythonapi.PyCapsule_New
+_new_capsule.restype = ctypes.py_object
+_new_capsule.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
+
+
+def joint_space(robot: Robot) -> Any:
+    """Return the OMPL state space of a robot's joints, in their order: an SO(2) for each that is continuous."""
+    if not robot.continuous.any():
+        return _real_vector(robot.lower, robot.upper)
+    space = ob.CompoundStateSpace()
+    for turn, run in groupby(range(robot.n), key=robot.continuous.item):
+        rows = list(run)
+        parts = [ob.SO2StateSpace() for _ in rows] if turn else [_real_vector(robot.lower[rows], robot.upper[rows])]
+        for part in parts:
+            space.addSubspace(part, 1.0)
+    return space
+
+
+def _real_vector(lower: FloatArray, upper: FloatArray) -> Any:
+    space = ob.RealVectorStateSpace(len(lower))
+    bounds = ob.RealVectorBounds(len(lower))
+    for i, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+        bounds.setLow(i, low)
+        bounds.setHigh(i, high)
+    space.setBounds(bounds)
+    return space
+
+
+_WORKING = set[tuple[Any, ...]]()  # kinds of spaces whose buffer is known to work
+
+
+class StateBridge:
+    """Moves configurations between OMPL states and arrays `q: (n,)`; an InputError if the space is of another kind.
+
+    It knows real vectors, SO(2), whose angles wrap at ±π, and compounds of these. `circular: (n,)` says which
+    coordinates wrap; `lower` and `upper: (n,)` are their bounds. OMPL's `satisfiesBounds` takes finite coordinates
+    within `held: (2, n)`; `extent` is the length of the diagonal of the bounds, no side longer than one turn.
+    """
+
+    def __init__(self, space: Any) -> None:
+        self.space = space
+        self._given = wraps, lower, upper = _coordinates_of(space)
+        self.circular: BoolArray = np.array(wraps, dtype=bool)
+        self.lower: FloatArray = np.array(lower, dtype=float)
+        self.upper: FloatArray = np.array(upper, dtype=float)
+        self.n: int = len(lower)
+        self._sides: FloatArray = self.upper - self.lower
+        free = np.where(self.circular, sys.float_info.max, sys.float_info.epsilon)
+        self.held: FloatArray = np.array([self.lower - free, self.upper + free])
+        # More than one turn of a joint makes a space no larger to plan in.
+        self.extent = float(np.linalg.norm(np.minimum(self._sides, 2 * np.pi)))
+        self._wraps = bool(self.circular.any())
+        # OMPL's serialization of such a space is its coordinates in a row: reading and writing through one buffer costs
+        # a tenth of going through Python lists. But the bindings promise nothing of the kind.
+        if space.getSerializationLength() != 8 * self.n:
+            raise InputError(f"state space {space.getName()!r} is not made of real vectors and SO(2) alone")
+        self._memory = PerThread(partial(_buffer, self.n))
+        kind = type(space), *wraps
+        if kind not in _WORKING and not self._buffer_works():
+            raise PlanningError("this version of OMPL's bindings does not read and write states through a buffer")
+        _WORKING.add(kind)
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the space still has the bounds that it had when this bridge was made."""
+        return self.coordinates() == self._given
+
+    def coordinates(self) -> tuple[list[bool], list[float], list[float]]:
+        """Return which coordinates of the space wrap, and the bounds that it has now."""
+        return _coordinates_of(self.space)
+
+    def read(self, state: Any) -> FloatArray:
+        """Return the configuration (n,) of a state as a new array."""
+        return self.view(state).copy()
+
+    def view(self, state: Any) -> FloatArray:
+        """Return the configuration (n,) of a state in a buffer that the next call of this thread overwrites."""
+        buffer, capsule = self._memory.own
+        self.space.serialize(capsule, state)
+        return buffer
+
+    def write(self, q: FloatArray, state: Any) -> None:
+        """Copy the configuration `q: (n,)` into a state."""
+        buffer, capsule = self._memory.own
+        buffer[:] = self.wrapped(q) if self._wraps else q
+        self.space.deserialize(state, capsule)
+
+    def _buffer_works(self) -> bool:
+        """Return whether what is written through the buffer is what OMPL's own coordinates say, and comes back."""
+        state, values = self.space.allocState(), np.linspace(-1.0, 1.0, self.n)
+        buffer, capsule = self._memory.own
+        try:
+            buffer[:] = values
+            self.space.deserialize(state, capsule)
+            buffer[:] = np.nan
+            self.space.serialize(capsule, state)
+        except (TypeError, RuntimeError):
+            return False
+        return np.array_equal(buffer, values) and values.tolist() == list(_coordinates(self.space, state))
+
+    def wrapped(self, q: FloatArray) -> FloatArray:
+        """Return `q: (…, n)` with the coordinates that wrap brought into [−π, π)."""
+        if not self._wraps:
+            return q
+        return np.where(self.circular, (q + np.pi) % (2 * np.pi) - np.pi, q)
+
+    def inside(self, q: FloatArray) -> FloatArray:
+        """Return the configuration within bounds that is nearest to `q: (…, n)`; coordinates that wrap are wrapped."""
+        # In a third of the time of np.clip.
+        clipped: FloatArray = np.minimum(np.maximum(q, self.lower), self.upper)
+        return np.where(self.circular, self.wrapped(q), clipped) if self._wraps else clipped
+
+    def between_bounds(self, shares: FloatArray) -> FloatArray:
+        """Return the configurations at `shares: (…, n)` in [0, 1] of the way from the lower to the upper bounds."""
+        return self.lower + self._sides * shares
+
+    def difference(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Return the motion from `start` to `end` (matching shapes (…, n)), the short way round where it wraps."""
+        delta = end - start
+        if self._wraps:
+            delta = np.where(self.circular, delta - 2 * np.pi * np.round(delta / (2 * np.pi)), delta)
+        return delta
+
+
+def _buffer(n: int) -> tuple[FloatArray, Any]:
+    """Return n numbers, and the capsule by which OMPL's bindings read and write them."""
+    buffer: FloatArray = np.zeros(n)
+    return buffer, _new_capsule(buffer.ctypes.data, b"nb_handle", None)
+
+
+def _coordinates(space: Any, state: Any) -> Iterator[float]:
+    """Yield the coordinates of a state by OMPL's own indexing, part by part: slow, and sure."""
+    if isinstance(space, ob.SE2StateSpace):  # its states have names instead of parts
+        yield from (state.getX(), state.getY(), state.getYaw())
+    elif isinstance(space, ob.CompoundStateSpace):
+        for k in range(space.getSubspaceCount()):
+            yield from _coordinates(space.getSubspace(k), state[k])
+    elif isinstance(space, ob.SO2StateSpace):
+        yield state.value
+    else:
+        yield from state[0 : space.getDimension()]
+
+
+class ScratchState(threading.local):
+    """One state of a space for each thread, freed with this object."""
+
+    def __init__(self, bridge: StateBridge) -> None:
+        self._bridge = bridge
+        self.state = bridge.space.allocState()
+
+    def set(self, q: FloatArray) -> Any:
+        """Write `q: (n,)` and return the state; it holds until the next call of this thread."""
+        self._bridge.write(q, self.state)
+        return self.state
+
+
+# Their motions are curves and their distances those of vehicles, not of the coordinates.
+_CURVED = tuple(
+    getattr(ob, name)
+    for name in (
+        *("DubinsStateSpace", "ReedsSheppStateSpace", "TrochoidStateSpace"),
+        *("OwenStateSpace", "VanaStateSpace", "VanaOwenStateSpace"),
+    )
+    if hasattr(ob, name)
+)
+
+
+def _coordinates_of(space: Any) -> tuple[list[bool], list[float], list[float]]:
+    """Return which coordinates of a space wrap, and their bounds."""
+    if isinstance(space, _CURVED):
+        raise InputError(
+            f"state space {space.getName()!r} ({type(space).__name__}): its motions are curves; only spaces of "
+            "straight motions can be planned in (real vectors, SO(2) and compounds of these, such as SE2StateSpace)"
+        )
+    if isinstance(space, ob.SO2StateSpace):
+        return [True], [-np.pi], [np.pi]
+    if isinstance(space, ob.RealVectorStateSpace):
+        bounds = space.getBounds()
+        return [False] * space.getDimension(), list(bounds.low), list(bounds.high)
+    if isinstance(space, ob.CompoundStateSpace):
+        parts = [_coordinates_of(space.getSubspace(i)) for i in range(space.getSubspaceCount())]
+        wraps, lower, upper = (list(chain.from_iterable(each)) for each in zip(*parts, strict=True))
+        return wraps, lower, upper
+    raise InputError(
+        f"state space {space.getName()!r} ({type(space).__name__}): only real vectors, SO(2) and compounds of these "
+        "can be planned in"
+    )
