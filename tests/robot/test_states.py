@@ -6,8 +6,7 @@ from hypothesis import given, strategies as st
 from ompl import base as ob
 
 from safe_ompl import InputError, PlanningError
-from safe_ompl.planning.ompl import states
-from safe_ompl.robot import ScratchState, StateBridge, joint_space
+from safe_ompl.robot import ScratchState, StateBridge, joint_space, states
 
 angles = st.floats(-100.0, 100.0)
 

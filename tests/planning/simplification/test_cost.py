@@ -25,6 +25,9 @@ class Plane:
     def difference(self, start, end):
         return end - start
 
+    def unrolled(self, path):
+        return path
+
 
 class Density:
     """A density given by a function of configurations."""
