@@ -37,7 +37,7 @@ from examples.mujoco.servo_robot import STEP, BodyPart, Servo, ServoRobot
 from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Robot, SafeSetup, Scene, Trajectory
 from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.common import FloatArray
-from safe_ompl.motions import FACTOR, BlendedCurve, BodySpeeds, Piece, contact_speed
+from safe_ompl.motions import FACTOR, BodySpeeds, Motion, contact_speed, first_unproven
 from safe_ompl.people import Surroundings, Tracker
 from safe_ompl.people.replanning import Doing, Replanner
 from safe_ompl.people.simulation import ALL_KEYPOINTS, Walker, World
@@ -89,7 +89,7 @@ def proven_margin(checker: CollisionChecker, trajectory: Trajectory, tube: tuple
 
     def holds(margin: float) -> bool:
         proof = MotionProver(checker, separation=Separation(margin=margin, tube=tube))
-        return all(piece.is_free(proof) for piece in trajectory.curve.pieces)
+        return first_unproven(trajectory.curve, proof) is None
 
     low, high = 0.0, 1.0
     if not holds(low):
@@ -298,8 +298,8 @@ def hit(name: str, region: str, servo: Servo) -> tuple[object, ...]:
     """Return the row of a robot that turns about its first joint, and hits a region of a body with its last link."""
     robot, part = Robot.from_example(name), CONTACT_TABLE[region]
     allowed, at_contact = contact_speed(part), np.array(STRETCHED[name])
-    turn, still = np.eye(robot.n)[0], np.zeros(robot.n)
-    curve = BlendedCurve([Piece(at_contact, turn, still, still, 1e-3)], [])
+    turn = np.eye(robot.n)[0]
+    curve = Motion([0.0, 1e-3], [[at_contact, 1e-3 * turn]], timed=False)
     rate = allowed / float(BodySpeeds(robot).bounds(curve, curve.cells(1e-3))[:, :-1].max())
     tip = ServoRobot(robot, Scene(()), at_contact, servo).data.body(robot.joint_names[-1]).xpos
     sideways = np.array([-tip[1], tip[0], 0.0]) / np.hypot(*tip[:2])

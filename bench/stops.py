@@ -247,11 +247,12 @@ def as_motion(trajectory: Trajectory) -> Motion:
     law, curve, coefficients = trajectory.law, trajectory.curve, []
     of = curve.piece_at((law.edges[1:] + law.edges[:-1]) / 2)
     for k, h in enumerate(np.diff(law.times)):
-        piece, begin = curve.pieces[of[k]], law.edges[k] - curve.starts[of[k]]
-        s = np.polynomial.Polynomial([begin, np.sqrt(law.squares[k]) * h, law.pushes[k] * h * h / 2])
-        held = np.zeros((7, len(piece.start)))
-        for i, c in enumerate((piece.start, piece.slope, piece.bend / 2, piece.swing / 6)):
-            held[: len((s**i).coef)] += np.outer((s**i).coef, c)
+        begin, end = curve.times[of[k] : of[k] + 2]
+        along = np.array([law.edges[k] - begin, np.sqrt(law.squares[k]) * h, law.pushes[k] * h * h / 2])
+        share = np.polynomial.Polynomial(along / (end - begin))
+        held = np.zeros((7, curve.n))
+        for i, c in enumerate(curve.coefficients[of[k]]):
+            held[: len((share**i).coef)] += np.outer((share**i).coef, c)
         coefficients.append(held)
     rounding = 1e-14 * np.abs(coefficients).sum(axis=1)
     return Motion(law.times, np.array(coefficients), trajectory.joint_names, rounding=rounding)

@@ -218,6 +218,8 @@ def _kind(field: DangerField, spacing: float, *more: str) -> dict[str, Any]:
 def trajectory_claim(trajectory: Trajectory, scene: Scene) -> dict[str, Any]:
     """Return the claim of a trajectory in plain numbers; what is claimed of its danger comes from `danger_claim`."""
     curve, law, jerk = trajectory.curve, trajectory.law, trajectory.limits.jerk
+    begins = curve.places(curve.times[:-1], np.arange(curve.pieces))
+    pieces = zip(*begins, np.diff(curve.times).tolist(), strict=True)
     more: dict[str, Any] = {"tool_speed": trajectory.tool_speed, "link_speed": trajectory.link_speed}
     if isinstance(law, SmoothLaw) and jerk is not None:
         more |= {"window": law.window, "jerk": jerk.tolist()}
@@ -225,11 +227,8 @@ def trajectory_claim(trajectory: Trajectory, scene: Scene) -> dict[str, Any]:
     if trajectory.people is not None and trajectory.brakes is not None:
         stops = {**_people(trajectory.people, scene), "brakes": trajectory.brakes.tolist()}
     return {
-        "pieces": [
-            {name: getattr(piece, name) for name in ("start", "slope", "bend", "swing", "length")}
-            for piece in curve.pieces
-        ],
-        "corners": list(curve.stops),
+        "pieces": [dict(zip(("start", "slope", "bend", "swing", "length"), piece, strict=True)) for piece in pieces],
+        "corners": list(curve.corners),
         "edges": law.edges.tolist(),
         "squares": (law.plan_squares if isinstance(law, SmoothLaw) else law.squares).tolist(),
         "duration": law.duration,

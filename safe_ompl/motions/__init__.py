@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
+    from safe_ompl.motions.blends import blended as blended, first_unproven as first_unproven
     from safe_ompl.motions.caps import (
         LINK_SPEED as LINK_SPEED,
         TOOL_SPEED as TOOL_SPEED,
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
         braking as braking,
         speed_caps as speed_caps,
     )
+    from safe_ompl.motions.cells import BodySpeeds as BodySpeeds, Cells as Cells, CurvePoints as CurvePoints
     from safe_ompl.motions.checks import (
         TIME as TIME,
         MotionCheck as MotionCheck,
@@ -39,15 +41,6 @@ if TYPE_CHECKING:
         SEPARATION as SEPARATION,
         ContactLimits as ContactLimits,
         contact_speed as contact_speed,
-    )
-    from safe_ompl.motions.curve import (
-        BlendedCurve as BlendedCurve,
-        BodySpeeds as BodySpeeds,
-        Cells as Cells,
-        CurvePoints as CurvePoints,
-        Piece as Piece,
-        blended as blended,
-        divided_edges as divided_edges,
     )
     from safe_ompl.motions.danger import MotionDanger as MotionDanger
     from safe_ompl.motions.kernels import Boxes as Boxes, ceilings as ceilings, drive as drive

@@ -1,4 +1,4 @@
-"""Caps of the speed along a curve, proven over whole cells: people, and the speeds of tool and links."""
+"""Caps of the speed along a motion, proven over whole cells: people, and the speeds of tool and links."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ import numpy as np
 
 from safe_ompl.common import RATE_BOUNDS, BoolArray, FloatArray, InputError, IntArray, SafeOmplError, number
 from safe_ompl.danger import KinetostaticField
+from safe_ompl.motions.cells import BodySpeeds, Cells, divided_edges
 from safe_ompl.motions.contact import CLAMPING, CONTACT, SEPARATION
-from safe_ompl.motions.curve import BlendedCurve, BodySpeeds, Cells, Curve, divided_edges
 from safe_ompl.motions.kernels import stopping_speeds
 from safe_ompl.motions.limits import RateLimits
+from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.separation import PeopleDistances, SeparationBounds
 from safe_ompl.motions.time_law import SmoothLimits, best_window, velocity_cap
 from safe_ompl.motions.trajectory import SpeedCap
@@ -73,7 +74,7 @@ class StandstillError(SafeOmplError):
 
 
 def people_caps(
-    curve: BlendedCurve, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances, loss: float
+    motion: Motion, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances, loss: float
 ) -> tuple[Cells, FloatArray, float, list[SpeedCap]]:
     """Return cells as fine as it takes, decelerations (N,) that stops take there, a window [s], and the caps.
 
@@ -91,9 +92,9 @@ def people_caps(
         bending = bending_cap(cells, limits)
         most = caps = np.minimum(velocity_cap(cells, limits), bending)
         brakes = braking(cells, limits, caps)
-        speeds = bodies.bounds(curve, cells)
-        left = distances.along(curve, cells, speeds, _SOON * float(caps.max() / brakes.min()))
-        harmless, clamps = harmless_rates(curve, cells, speeds, distances)
+        speeds = bodies.bounds(motion, cells)
+        left = distances.along(motion, cells, speeds, _SOON * float(caps.max() / brakes.min()))
+        harmless, clamps = harmless_rates(motion, cells, speeds, distances)
         # Of each of K groups of limbs (M,) which one comes first in each cell (N, K), and when
         rows = [np.flatnonzero(distances.alike == group) for group in range(int(distances.alike.max()) + 1)]
         first = np.stack([row[left.times[:, row].argmin(axis=1)] for row in rows], axis=1)
@@ -108,7 +109,8 @@ def people_caps(
         allowed, group, where, slow = stopping_speeds(cells.sizes, brakes, times, harmless, most, ends)
         limb = np.where(group < 0, -1, first[where, group])
         if not last:
-            cells = curve.between(divided_edges(cells.edges, _parts(cells, speeds, left, limb, where, distances, loss)))
+            parts = _parts(cells, speeds, left, limb, where, distances, loss)
+            cells = motion.between(divided_edges(cells.edges, parts))
     m = int(left.distances[0].argmin())
     if left.distances[0, m] <= people.clearance and not people.contact:
         raise InputError(
@@ -116,7 +118,7 @@ def people_caps(
             f"starts: it must be more than the clearance of {people.clearance * 1e3:g} mm away"
         )
     for j in np.flatnonzero(allowed <= 0):
-        raise StandstillError(_standstill(curve, cells, int(where[j]), int(limb[j]), left, distances, window))
+        raise StandstillError(_standstill(motion, cells, int(where[j]), int(limb[j]), left, distances, window))
     caused = np.where(slow, np.where(clamps[where, limb], CLAMPING, CONTACT), SEPARATION)
     rules = (SEPARATION, CONTACT, CLAMPING) if people.contact else (SEPARATION,)
     found = [SpeedCap(r, np.where((allowed < most) & (caused == r), allowed, np.inf)) for r in rules]
@@ -170,7 +172,7 @@ def _named(who: tuple[str, str]) -> str:
 
 
 def _standstill(
-    curve: BlendedCurve, cells: Cells, k: int, m: int, left: SeparationBounds, distances: PeopleDistances, window: float
+    motion: Motion, cells: Cells, k: int, m: int, left: SeparationBounds, distances: PeopleDistances, window: float
 ) -> Standstill:
     people, (person, limb) = distances.people, distances.limbs[m]
     link = distances.links[int(left.nearest[k, m])]
@@ -182,18 +184,18 @@ def _standstill(
         f"{nearer:.0f} mm nearer before it begins to brake, where {1e3 * people.clearance:.0f} mm must be left; keep "
         f"the path farther away, shorten the reaction time, or {way_out}"
     )
-    return Standstill(s, curve.at(np.array([s])).q[0], reason, person, limb or None, link)
+    return Standstill(s, motion.places(np.array([s])).q[0], reason, person, limb or None, link)
 
 
 def harmless_rates(
-    curve: Curve, cells: Cells, speeds: FloatArray, distances: PeopleDistances
+    motion: Motion, cells: Cells, speeds: FloatArray, distances: PeopleDistances
 ) -> tuple[FloatArray, BoolArray]:
     """Return the ṡ (N, M) with which a contact is harmless whatever body touches, and where clamping decides that."""
     shape = len(cells), len(distances.limbs)
     if distances.contact is None:
         return np.zeros(shape), np.zeros(shape, dtype=bool)
     moving = speeds[:, distances.moving]
-    found, free = distances.contact.speeds(curve.at(cells.centres).q, cells.sizes, cells.slopes, moving)
+    found, free = distances.contact.speeds(motion.places(cells.centres).q, cells.sizes, cells.slopes, moving)
     return found.min(axis=1), found.min(axis=1) < free.min(axis=1)
 
 

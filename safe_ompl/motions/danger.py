@@ -10,7 +10,8 @@ import numpy as np
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.danger.kernels import CellMotions, cell_bounds
-from safe_ompl.motions.curve import BlendedCurve, Cells, acceleration_bounds, divided_edges
+from safe_ompl.motions.cells import Cells, acceleration_bounds, divided_edges
+from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.time_law import TimeLaw
 from safe_ompl.robot import plain
 
@@ -58,14 +59,14 @@ class CellDanger(NamedTuple):
 
 def cell_danger(
     moving: KinetostaticField,
-    curve: BlendedCurve,
+    motion: Motion,
     cells: Cells,
     rows: IntArray,
     rates: FloatArray,
     enough: float,
     within: bool = True,
 ) -> CellDanger:
-    """Return bounds over cells (N,) of a curve, or not `within` them but in the centres, with ṡ ≤ `rates: (N,)`.
+    """Return bounds over cells (N,) of a motion, or not `within` them but in the centres, with ṡ ≤ `rates: (N,)`.
 
     Where a danger point is proven, by a cheaper and looser bound, to bring no more danger than `enough`, that bound
     will do, if the danger is the maximum over danger points.
@@ -73,8 +74,8 @@ def cell_danger(
     halves = cells.sizes[rows] / 2 * within
     field = moving.field
     robot, points = field.robot, field.points
-    place = curve.at(cells.centres[rows])
-    keypoints, velocities, _ = robot.keypoint_motions(place.q, place.slope)
+    place = motion.places(cells.centres[rows])
+    keypoints, velocities, _ = robot.keypoint_motions(place.q, place.dq_ds)
     steps, bends = (plain(robot.coupling.reach(bound)) for bound in (cells.slopes[rows], cells.bends[rows]))
     sliding = robot.joint_prismatic
     turned = robot.joint_keypoint_support & ~sliding
@@ -97,7 +98,7 @@ def cell_danger(
 
 
 def danger_cap(
-    curve: BlendedCurve, cells: Cells, danger: KinetostaticField, limit: float, most: FloatArray
+    motion: Motion, cells: Cells, danger: KinetostaticField, limit: float, most: FloatArray
 ) -> tuple[Cells, IntArray, FloatArray]:
     """Return the speeds with which the danger of the moving robot keeps to a limit, where ṡ ≤ `most: (N,)` in any case.
 
@@ -108,7 +109,7 @@ def danger_cap(
 
     def capped(rows: IntArray, *, within: bool = True) -> FloatArray:
         at_most = most[parents[rows]]
-        return cell_danger(danger, curve, cells, rows, at_most, limit, within).allowed(limit, at_most)
+        return cell_danger(danger, motion, cells, rows, at_most, limit, within).allowed(limit, at_most)
 
     parents: IntArray = np.arange(len(cells))
     speeds, exact = capped(parents), most.copy()
@@ -122,7 +123,7 @@ def danger_cap(
         if (parts == 1).all():
             break
         of = np.repeat(np.arange(len(cells)), parts)
-        cells = curve.between(divided_edges(cells.edges, parts))
+        cells = motion.between(divided_edges(cells.edges, parts))
         parents, speeds, exact, new = parents[of], speeds[of], exact[of], parts[of] > 1
         divided = np.flatnonzero(new)
         speeds[divided] = capped(divided)
@@ -141,32 +142,32 @@ class MotionDanger:
     proven_peak: float
 
 
-def motion_danger(curve: BlendedCurve, law: TimeLaw, field: KinetostaticField) -> MotionDanger:
-    """Return the danger of a robot that follows a law along a curve."""
-    cells = curve.between(law.edges)
+def motion_danger(motion: Motion, law: TimeLaw, field: KinetostaticField) -> MotionDanger:
+    """Return the danger of a robot that follows a law along a motion."""
+    cells = motion.between(law.edges)
     middles = (law.times[1:] + law.times[:-1]) / 2
     times = np.sort(np.concatenate([law.times, middles]))
     cell, s, rate, _ = law.at(times)
-    place = curve.at(s, curve.piece_at(cells.centres)[cell])
-    values = field.values(place.q, place.slope * rate[:, None])
+    place = motion.places(s, motion.piece_at(cells.centres)[cell])
+    values = field.values(place.q, place.dq_ds * rate[:, None])
     peak = float(values.max())
     mean = float(np.trapezoid(values, times) / law.duration) if law.duration else peak
-    return MotionDanger(times, values, mean, peak, _proven_peak(curve, cells, law, field, peak))
+    return MotionDanger(times, values, mean, peak, _proven_peak(motion, cells, law, field, peak))
 
 
-def _proven_peak(curve: BlendedCurve, cells: Cells, law: TimeLaw, danger: KinetostaticField, peak: float) -> float:
+def _proven_peak(motion: Motion, cells: Cells, law: TimeLaw, danger: KinetostaticField, peak: float) -> float:
     """Divide the cells whose bound is above the sampled peak until none is far above it; return the highest."""
     enough = _TIGHT * peak
     upper = np.zeros(len(cells))
     rows: IntArray = np.arange(len(cells))
     for _ in range(_PEAK_ROUNDS):
         slowest, fastest = (rates[rows] for rates in law.rates_between(cells.edges))
-        bounds = cell_danger(danger, curve, cells, rows, fastest, enough)
+        bounds = cell_danger(danger, motion, cells, rows, fastest, enough)
         upper[rows] = np.maximum(bounds.at(fastest), bounds.at(slowest))
         above = upper > enough
         if not above.any():
             break
         parts: IntArray = np.where(above, _PARTS, 1)
-        cells = curve.between(divided_edges(cells.edges, parts))
+        cells = motion.between(divided_edges(cells.edges, parts))
         rows, upper = np.flatnonzero(np.repeat(above, parts)), np.repeat(upper, parts)
     return float(upper.max())

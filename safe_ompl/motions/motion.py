@@ -1,4 +1,4 @@
-"""Motions that something else made, as piecewise polynomials."""
+"""Motions as piecewise polynomials: paths by arc length, splines by time."""
 
 from __future__ import annotations
 
@@ -6,28 +6,31 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from math import perm
+from math import factorial, perm
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, documents, finite_array, float_array, polynomials, shown
+from safe_ompl.common import FloatArray, InputError, IntArray, documents, finite_array, float_array, polynomials, shown
 from safe_ompl.motions import forms
+from safe_ompl.motions.cells import Cells, CurvePoints, divided_edges
+from safe_ompl.motions.kernels import Boxes
 from safe_ompl.motions.limits import RATE_TOLERANCE
-from safe_ompl.motions.trajectory import Trajectory
 from safe_ompl.robot import Robot
 
 _ROUGH = 1e-9  # [rad or m] far below what proofs keep more than they must
 _TURNS = 4 * np.pi  # [rad] beyond which a joint that has limits is probably given in degrees
+# Stretches that are cut off a motion, and are shorter than this, are rounding.
+_NOTHING = 1e-12  # [s, or rad]
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A motion of n joints in K pieces, polynomials of time.
+    """A motion of n joints in K pieces, polynomials of time, or of the parameter of a path.
 
     q(t) = Σ_k c_k u^k with u = (t − t_j) / (t_{j+1} − t_j) in [0, 1] on piece j. Other forms of motions are
-    converted by `of`, `through`, `hermite` and `sampled`.
+    converted by `of`, `through`, `hermite` and `sampled`. A path is driven as a time law says (`time_path`).
 
     Parameters
     ----------
@@ -45,6 +48,8 @@ class Motion:
         Bound of the sum of the errors of c_0 … c_d, which constructors round [rad or m]. Default: they are exact.
     short_way : bool
         Whether continuous joints go the short way on pieces that are straight: `for_robot` adds whole turns then.
+    corners : tuple of int, optional
+        Of a path: the knots 1 … K − 1 at which it turns, where the robot stops.
 
     Raises
     ------
@@ -60,6 +65,7 @@ class Motion:
     timed: bool = True
     rounding: FloatArray | None = None
     short_way: bool = False
+    corners: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         coefficients = finite_array(self.coefficients, (None, None, None), "coefficients")
@@ -79,6 +85,8 @@ class Motion:
                 _freeze(self, name, array)
         if self.joint_names is not None:
             object.__setattr__(self, "joint_names", forms.named(self.joint_names, n))
+        if self.corners and not (not self.timed and min(self.corners) > 0 and max(self.corners) < pieces):
+            raise InputError(f"must be knots inside of a path of {pieces} pieces, got {self.corners}", "corners")
         _freeze(self, "times", times)
         _freeze(self, "coefficients", coefficients)
         jumps = np.abs(self.jumps(0))
@@ -110,6 +118,11 @@ class Motion:
     def duration(self) -> float:
         """How long it takes [s]; where it is not timed, the length of its parameter."""
         return float(self.times[-1] - self.times[0])
+
+    @property
+    def length(self) -> float:
+        """How long its parameter is: arc length [rad], or time [s]."""
+        return self.duration
 
     @property
     def knots(self) -> FloatArray:
@@ -193,7 +206,7 @@ class Motion:
             rounding = error if rounding is None else rounding + error
         if self.short_way and robot.continuous.any():
             coefficients, rounding = forms.unwound(coefficients, rounding, robot)
-        return Motion(self.times, coefficients, robot.joint_names, slack, self.timed, rounding, short_way=False)
+        return Motion(self.times, coefficients, robot.joint_names, slack, self.timed, rounding, corners=self.corners)
 
     def cut(self, cuts: Mapping[int, FloatArray]) -> Motion:
         """Return the same motion with some of its pieces cut at fractions in (0, 1), which increase."""
@@ -211,7 +224,162 @@ class Motion:
         rounding = np.zeros_like(size) if self.rounding is None else self.rounding
         rounding = (rounding + 4 * (self.degree + 1) * polynomials.EPS * size)[of]
         slack = None if self.slack is None else self.slack[of]
-        return replace(self, times=np.array(times), coefficients=np.array(coefficients), slack=slack, rounding=rounding)
+        corners = tuple(np.searchsorted(of, self.corners).tolist())
+        return replace(
+            self,
+            times=np.array(times),
+            coefficients=np.array(coefficients),
+            slack=slack,
+            rounding=rounding,
+            corners=corners,
+        )
+
+    def part(self, first: float, last: float) -> Motion:
+        """Return the stretch between two values first < last of its parameter; that of the stretch begins at 0."""
+        a, b = self.piece_at(np.array([first, last])).tolist()
+        a += bool(self.times[a + 1] - first < _NOTHING and a < b)
+        b -= bool(last - self.times[b] < _NOTHING and a < b)
+        times = np.clip(self.times[a : b + 2], first, last) - first
+        coefficients = self.coefficients[a : b + 1].copy()
+        shares = (np.array([first, last]) - self.times[[a, b]]) / self._spans[[a, b]]
+        begin, end = np.clip(shares, 0.0, 1.0).tolist()
+        if end < 1.0:
+            coefficients[-1] = polynomials.restricted(coefficients[-1], begin if a == b else 0.0, end)
+        if begin > 0.0 and not (a == b and end < 1.0):
+            coefficients[0] = polynomials.restricted(coefficients[0], begin, 1.0)
+        slack, rounding = (None if rest is None else rest[a : b + 1] for rest in (self.slack, self.rounding))
+        corners = tuple(k - a for k in self.corners if a < k <= b)
+        return replace(self, times=times, coefficients=coefficients, slack=slack, rounding=rounding, corners=corners)
+
+    def then(self, other: Motion) -> Motion:
+        """Return this path and, after a stop at its end, another one that begins there."""
+        count, size = self.pieces, max(self.degree, other.degree) + 1
+        coefficients = np.zeros((count + other.pieces, size, self.n))
+        coefficients[:count, : self.degree + 1] = self.coefficients
+        coefficients[count:, : other.degree + 1] = other.coefficients
+        times = np.concatenate([self.times - self.times[0], self.length + other.times[1:] - other.times[0]])
+        corners = (*self.corners, count, *(count + k for k in other.corners))
+        return Motion(times, coefficients, self.joint_names, timed=False, corners=corners)
+
+    def among(self, robot: Robot, q: FloatArray, rows: Sequence[int]) -> Motion:
+        """Return the motion of all joints of a robot: those in `rows` move as here, the others stay at `q: (n,)`.
+
+        Continuous joints begin as near to `q` as whole turns bring them.
+        """
+        turns = 2 * np.pi * np.round((q[rows] - self.coefficients[0, 0]) / (2 * np.pi)) * robot.continuous[rows]
+        coefficients = np.zeros((self.pieces, self.degree + 1, len(q)))
+        coefficients[:, 0] = q
+        coefficients[:, :, rows] = self.coefficients
+        coefficients[:, 0, rows] += turns
+        rounding = np.zeros((self.pieces, len(q)))
+        rounding[:, rows] = self.allowance
+        return replace(self, coefficients=coefficients, joint_names=robot.joint_names, rounding=rounding, slack=None)
+
+    # ------------------------------------------------------------------------------------------- places and cells
+
+    @cached_property
+    def _spans(self) -> FloatArray:
+        """How long the pieces are (K,)."""
+        return np.diff(self.times)
+
+    def piece_at(self, s: FloatArray) -> IntArray:
+        """Return the piece (S,) at values `s: (S,)` of the parameter; the later one where two meet."""
+        return np.asarray(np.clip(np.searchsorted(self.times, s, side="right") - 1, 0, self.pieces - 1))
+
+    def places(self, s: FloatArray, pieces: IntArray | None = None) -> CurvePoints:
+        """Return configurations and derivatives (S, n) at values `s: (S,)`; where two pieces meet, of those given.
+
+        In contrast to `at` the first and the last piece go on beyond the ends.
+        """
+        which = self.piece_at(s) if pieces is None else pieces
+        span = self._spans[which][:, None]
+        u, held = (s - self.times[which])[:, None] / span, self.coefficients[which]
+        # Horner's scheme for the value and for derivatives divided by k!.
+        found = [held[:, -1].copy(), *(np.zeros_like(held[:, -1]) for _ in range(3))]
+        for k in range(self.degree - 1, -1, -1):
+            for order in (3, 2, 1):
+                found[order] = found[order] * u + found[order - 1]
+            found[0] = found[0] * u + held[:, k]
+        q, first, second, third = found
+        return CurvePoints(q, first / span, 2 * second / span**2, 6 * third / span**3)
+
+    def cells(self, step: float, turn: float = 0.1) -> Cells:
+        """Return cells no longer than `step`, in each of which q′ changes by no more than `turn`."""
+        if (step, turn) not in self._known:
+            rates = self._derivatives[1]
+            turned = np.linalg.norm(rates[:, 1:].sum(axis=1), axis=1)
+            parts = np.maximum(1, np.ceil(np.maximum(self._spans / step, turned / turn))).astype(np.intp)
+            self._known[step, turn] = self.between(divided_edges(self.times, parts))
+        return self._known[step, turn]
+
+    @cached_property
+    def _known(self) -> dict[tuple[float, float], Cells]:
+        """Cells that were asked for."""
+        return {}
+
+    @cached_property
+    def _derivatives(self) -> dict[int, FloatArray]:
+        """Coefficients of the first three derivatives, by their order."""
+        return {order: self.derivative_coefficients(order) for order in (1, 2, 3)}
+
+    def between(self, edges: FloatArray) -> Cells:
+        """Return the cells between values (N + 1,) of the parameter, all knots among them.
+
+        Boxes of derivatives are those of Bernstein coefficients, with what rounding adds, and jumps between pieces of a
+        motion in time (`roughness`). Cells stop at the corners of a path, and where a motion in time is at rest.
+        """
+        piece = self.piece_at((edges[1:] + edges[:-1]) / 2)
+        span, begin = self._spans[piece], self.times[piece]
+        first, last = (edges[:-1] - begin) / span, (edges[1:] - begin) / span
+        rough = [self.roughness(order)[piece] if self.timed else 0.0 for order in (1, 2, 3)]
+        if self.timed:  # velocities at centres are those of the polynomials
+            rough[1] = np.maximum(rough[1], rough[0] / (np.diff(edges)[:, None] / 2))
+        boxes = []
+        for order, more in enumerate(rough, start=1):
+            held = self._derivatives[order][piece]
+            points = polynomials.bernstein(polynomials.restricted(held, first, last))
+            error = 16 * (held.shape[1] + 2) * polynomials.EPS * np.abs(held).sum(axis=1) + more
+            boxes.append((points.min(axis=1) - error, points.max(axis=1) + error))
+        swings = np.maximum(np.abs(boxes[2][0]), np.abs(boxes[2][1]))
+        # Sums of lengths are rounded: a knot is the edge that is nearest.
+        stops = np.searchsorted((edges[1:] + edges[:-1]) / 2, self.times[self.rests])
+        return Cells(edges, Boxes(*boxes[0], *boxes[1]), swings, stops)
+
+    @cached_property
+    def rests(self) -> IntArray:
+        """Inner knots at which the robot is at rest: the corners of a path, or those where velocities vanish."""
+        if not self.timed:
+            return np.array(sorted(self.corners), dtype=np.intp)
+        moves = self._moves
+        return np.asarray(np.flatnonzero(~(moves[0, 1:] | moves[1, :-1])) + 1)
+
+    @property
+    def _moves(self) -> Any:
+        """Whether it moves (2, K) at the beginning and at the end of each piece."""
+        return (self.end_rates > RATE_TOLERANCE[1]).any(axis=2)
+
+    @property
+    def end_rates(self) -> FloatArray:
+        """Bounds (2, K, n) of |q′| at the beginning and at the end of each piece."""
+        rates = self._derivatives[1]
+        return np.asarray(np.abs(np.stack([rates[:, 0], rates.sum(axis=1)])) + self.roughness(1))
+
+    def roughness(self, order: int) -> FloatArray:
+        """Return what rounding, and jumps between pieces, add (K, n) to the derivative of an order ≥ 1.
+
+        One of rounded coefficients Σ|δc_k| ≤ ρ errs by d!/(d − order)! ρ / Δtᵒ. What jumps moves: a jump J of a lower
+        derivative, i orders below, counts as i! J/Δtⁱ on the piece behind it. Jumps too far are violations of their
+        own.
+        """
+        spans = self._spans[:, None]
+        found = np.zeros((self.pieces, self.n))
+        for lower in range(order):
+            jumps = np.minimum(np.abs(self.jumps(lower)), RATE_TOLERANCE[lower])
+            found[1:] += factorial(order - lower) * jumps / spans[1:] ** (order - lower)
+        if self.rounding is None:
+            return found
+        # Jumps within the rounding are none.
+        return np.maximum(found, perm(self.degree, order) * self.rounding / spans**order)
 
     def __repr__(self) -> str:
         lasts = f", {self.duration:.3f} s" if self.timed else ""
@@ -231,6 +399,22 @@ class Motion:
     def _made(cls, pieces: forms.Pieces, names: Sequence[str] | None, **options: Any) -> Motion:
         times, coefficients, rounding = pieces
         return cls(times, coefficients, names, rounding=rounding, **options)  # type: ignore[arg-type]
+
+    @classmethod
+    def of_highest(
+        cls, begin: tuple[FloatArray, FloatArray, FloatArray], spans: Sequence[float], d3q_ds3: FloatArray
+    ) -> Motion:
+        """Return the path of cubics that begins with q, q′ and q″, (n,) each, and has a constant q‴ in each piece.
+
+        Pieces are as long as `spans: (K,)`, and `d3q_ds3` is (K, n). Nothing jumps but q‴.
+        """
+        q, rate, bend = begin
+        rows = []
+        for span, swing in zip(spans, d3q_ds3, strict=True):
+            row = np.array([q, span * rate, span**2 / 2 * bend, span**3 / 6 * swing])
+            rows.append(row)
+            q, rate, bend = row.sum(axis=0), rate + span * (bend + span * swing / 2), bend + span * swing
+        return cls(np.concatenate([[0.0], np.cumsum(spans)]), np.array(rows), timed=False)
 
     @classmethod
     def hermite(
@@ -299,7 +483,7 @@ class Motion:
             return cls._made(forms.powers_from_left(thing), names)
         if "BSpline" in kinds:
             return cls._made(forms.bspline(thing), names)
-        if isinstance(thing, Trajectory):
+        if "Trajectory" in kinds:
             times, points = thing.points()
             joints = thing.joint_names if names is None else names
             return cls.hermite(times, points["positions"], points["velocities"], points.get("accelerations"), joints)
@@ -325,7 +509,8 @@ class Motion:
         held = {key: getattr(self, key) for key in ("times", "coefficients", "slack", "rounding")}
         said = {key: value.tolist() for key, value in held.items() if value is not None}
         names = None if self.joint_names is None else list(self.joint_names)
-        return {"joint_names": names, **said, "timed": self.timed, "short_way": self.short_way}
+        more = {"timed": self.timed, "short_way": self.short_way, "corners": list(self.corners)}
+        return {"joint_names": names, **said, **more}
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Motion:
@@ -339,6 +524,7 @@ class Motion:
             documents.flag("timed", data.get("timed", True)),
             data.get("rounding"),
             documents.flag("short_way", data.get("short_way", False)),
+            tuple(documents.each("corners", data.get("corners", ()), documents.whole_number, at_least=1)),
         )
 
 

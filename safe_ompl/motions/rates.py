@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import factorial, perm
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +11,7 @@ import numpy as np
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, polynomials
 from safe_ompl.motions.caps import MotionCaps
-from safe_ompl.motions.curve import BodySpeeds, Cells, CurvePoints, divided_edges
-from safe_ompl.motions.kernels import Boxes
+from safe_ompl.motions.cells import BodySpeeds, Cells, divided_edges
 from safe_ompl.motions.limits import RATE_TOLERANCE, RateLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.separation import PeopleDistances
@@ -85,28 +83,12 @@ def extremes(
     held = motion.derivative_coefficients(order)
     spans = np.diff(motion.times)[:, None]
     error = (held.shape[1] + 2) * polynomials.EPS * np.abs(held).sum(axis=1)
-    error += roughness(motion, order) if order else motion.allowance
+    error += motion.roughness(order) if order else motion.allowance
     points = polynomials.bernstein(held)
     top, top_at = _peaks(points, high - error)
     bottom, bottom_at = _peaks(-points, -low - error)
     times = motion.times[:-1, None]
     return Extremes(-bottom - error, top + error, times + spans * bottom_at, times + spans * top_at)
-
-
-def roughness(motion: Motion, order: int) -> FloatArray:
-    """Return what rounding, and jumps between pieces, add (K, n) to the derivative of an order ≥ 1.
-
-    One of rounded coefficients Σ|δc_k| ≤ ρ errs by d!/(d − order)! ρ / Δtᵒ. What jumps moves: a jump J of a lower
-    derivative, i orders below, counts as i! J/Δtⁱ on the piece behind it. Jumps too far are violations of their own.
-    """
-    spans = np.diff(motion.times)[:, None]
-    found = np.zeros((motion.pieces, motion.n))
-    for lower in range(order):
-        jumps = np.minimum(np.abs(motion.jumps(lower)), RATE_TOLERANCE[lower])
-        found[1:] += factorial(order - lower) * jumps / spans[1:] ** (order - lower)
-    if motion.rounding is None:
-        return found
-    return np.maximum(found, perm(motion.degree, order) * motion.rounding / spans**order)  # jumps within it are none
 
 
 def _peaks(points: FloatArray, enough: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -174,57 +156,6 @@ def _worst(
 # -------------------------------------------------------------------------------------- stops beside people
 
 
-class MotionCurve:
-    """A motion in time, without slack, as a curve whose parameter is its time [s]; `limits` are those of its joints."""
-
-    def __init__(self, motion: Motion, limits: RateLimits) -> None:
-        self._motion = motion
-        self._rates = [motion.derivative_coefficients(order) for order in (1, 2, 3)]
-        self._rough = [roughness(motion, order) for order in (1, 2, 3)]
-        rates = self._rates[0]
-        ends = np.abs(np.stack([rates[:, 0], rates.sum(axis=1)])) + self._rough[0]
-        moves = (ends > RATE_TOLERANCE[1]).any(axis=2)
-        if moves[1, -1]:
-            joint = int((ends[1, -1] / limits.velocity).argmax())
-            raise InputError(
-                f"must end at rest where it is to stop before people, and {limits.joint_names[joint]!r} ends at "
-                f"{ends[1, -1, joint]:.3g} rad/s or m/s; without people it need not",
-                "motion",
-            )
-        self._rests = np.flatnonzero(~(moves[0, 1:] | moves[1, :-1])) + 1  # knots at which it is at rest
-
-    def at(self, s: FloatArray) -> CurvePoints:
-        """Return the places (S, n) at times `s: (S,)`."""
-        return CurvePoints(*(self._motion.derivative(s, order) for order in range(4)))
-
-    def cells(self) -> Cells:
-        """Return cells in which the joints move little, in all no fewer than a trajectory has."""
-        motion = self._motion
-        fastest = np.linalg.norm(np.abs(polynomials.bernstein(self._rates[0])).max(axis=1), axis=1)
-        lengths = fastest * np.diff(motion.times)
-        step = min(CELL_LENGTH, float(lengths.sum()) / CELLS)
-        parts = np.ceil(lengths / step) if step > 0 else np.ones(motion.pieces)
-        return self.between(divided_edges(motion.times, np.maximum(parts, 1).astype(np.intp)))
-
-    def between(self, edges: FloatArray) -> Cells:
-        """Return the cells between times, the knots among them."""
-        times = self._motion.times
-        piece = np.searchsorted(times, (edges[1:] + edges[:-1]) / 2, side="right") - 1
-        span = np.diff(times)[piece]
-        first, last = ((ends - times[piece]) / span for ends in (edges[:-1], edges[1:]))
-        roughest = [rough[piece] for rough in self._rough]
-        half = np.diff(edges)[:, None] / 2  # velocities at centres are those of the polynomials
-        roughest[1] = np.maximum(roughest[1], roughest[0] / half)
-        boxes = []
-        for rates, rough in zip(self._rates, roughest, strict=True):
-            held = rates[piece]
-            points = polynomials.bernstein(polynomials.restricted(held, first, last))
-            error = 16 * (held.shape[1] + 2) * polynomials.EPS * np.abs(held).sum(axis=1) + rough
-            boxes.append((points.min(axis=1) - error, points.max(axis=1) + error))
-        swings = np.maximum(np.abs(boxes[2][0]), np.abs(boxes[2][1]))
-        return Cells(edges, Boxes(*boxes[0], *boxes[1]), swings, np.searchsorted(edges, times[self._rests]))
-
-
 def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, people: People) -> Stops:
     """Return how a motion, its joints in the order of the robot's, stops beside people within a proof's tube."""
     if not motion.rated:
@@ -243,5 +174,21 @@ def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, peo
     off = motion.allowance.sum(axis=0)  # of jumps, too: distances are kept from one piece to the next
     nearer = float((checker.robot.bounds.displacement_radii @ off).max(initial=0.0))
     distances = PeopleDistances(checker.robot, checker.scene, replace(people, clearance=people.clearance + nearer))
-    curve = MotionCurve(motion, limits)
-    return stops_beside(curve, curve.cells(), BodySpeeds(checker.robot), limits, distances)
+    last = motion.end_rates[1, -1]
+    if (last > RATE_TOLERANCE[1]).any():
+        joint = int((last / limits.velocity).argmax())
+        raise InputError(
+            f"must end at rest where it is to stop before people, and {limits.joint_names[joint]!r} ends at "
+            f"{last[joint]:.3g} rad/s or m/s; without people it need not",
+            "motion",
+        )
+    return stops_beside(motion, _stop_cells(motion), BodySpeeds(checker.robot), limits, distances)
+
+
+def _stop_cells(motion: Motion) -> Cells:
+    """Return cells of a motion in time in which the joints move little, in all no fewer than a trajectory has."""
+    rates = polynomials.bernstein(motion.derivative_coefficients(1))
+    lengths = np.linalg.norm(np.abs(rates).max(axis=1), axis=1) * np.diff(motion.times)
+    step = min(CELL_LENGTH, float(lengths.sum()) / CELLS)
+    parts = np.ceil(lengths / step) if step > 0 else np.ones(motion.pieces)
+    return motion.between(divided_edges(motion.times, np.maximum(parts, 1).astype(np.intp)))

@@ -1,4 +1,4 @@
-"""Lower bounds of the time that people need to reach the robot along a curve, proven for every cell.
+"""Lower bounds of the time that people need to reach the robot along a motion, proven for every cell.
 
 A limb that is no faster than a speed may be at a distance d [m] after the time d / speed at the earliest.
 
@@ -20,8 +20,9 @@ from safe_ompl.collision import DISTANCE_ERROR
 from safe_ompl.common import FloatArray, IntArray, compiled, part
 from safe_ompl.geometry import ConvexBodies
 from safe_ompl.geometry.kernels import POSE, Shapes, begin_axis, distance_bounds, from_box, place_bodies
+from safe_ompl.motions.cells import Cells
 from safe_ompl.motions.contact import ContactLimits
-from safe_ompl.motions.curve import Cells, Curve
+from safe_ompl.motions.motion import Motion
 from safe_ompl.robot import Robot, plain
 from safe_ompl.robot.kernels import place_joints
 from safe_ompl.scene import People, Scene
@@ -157,7 +158,7 @@ class PeopleDistances:
         return float(self.speeds[limb] * time)
 
     def along(
-        self, curve: Curve, cells: Cells, speeds: FloatArray, soon: float, short: float = _SHORT
+        self, motion: Motion, cells: Cells, speeds: FloatArray, soon: float, short: float = _SHORT
     ) -> SeparationBounds:
         """Return what is left in the cells of a curve; only what may arrive first is bounded well.
 
@@ -166,7 +167,7 @@ class PeopleDistances:
         contact is allowed.
         """
         half = cells.sizes[:, None] / 2 * speeds[:, self.moving]
-        values, joints = plain(self.robot.coupling.values(curve.at(cells.centres).q)), self.robot.kinematics.joints
+        values, joints = plain(self.robot.coupling.values(motion.places(cells.centres).q)), self.robot.kinematics.joints
         short = short if self.people.contact else -inf
         found = arrivals(joints, self._shapes, self._limbs, values, plain(half), soon, short)
         distances, times, nearest = found

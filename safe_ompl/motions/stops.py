@@ -13,9 +13,10 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray, compiled, part
 from safe_ompl.motions.caps import harmless_rates, next_stops
-from safe_ompl.motions.curve import BodySpeeds, Cells, Curve, divided_edges
+from safe_ompl.motions.cells import BodySpeeds, Cells, divided_edges
 from safe_ompl.motions.kernels import Boxes, next_range
 from safe_ompl.motions.limits import RATE_TOLERANCE, RateLimits
+from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.separation import PeopleDistances, SeparationBounds
 from safe_ompl.motions.time_law import TimeLaw
 
@@ -121,20 +122,20 @@ class Stops:
 
 
 def stops_beside(
-    curve: Curve, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances
+    motion: Motion, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances
 ) -> Stops:
     """Return how a motion, which ends at rest, stops beside people, and what is left; see the module."""
     accelerations = limits.acceleration
     for rounds_left in reversed(range(_ROUNDS + 1)):
-        motion, ends = (cells.sizes, cells.boxes, accelerations), next_stops(cells)
+        braked, ends = (cells.sizes, cells.boxes, accelerations), next_stops(cells)
         none = np.empty((len(cells), 0))
-        spans = time_left(*motion, ends, none, none)[-1]
-        speeds, soon = bodies.bounds(curve, cells), float(spans.max())
-        found = distances.along(curve, cells, speeds, soon, soon)
+        spans = time_left(*braked, ends, none, none)[-1]
+        speeds, soon = bodies.bounds(motion, cells), float(spans.max())
+        found = distances.along(motion, cells, speeds, soon, soon)
         still = np.asarray((cells.slopes <= RATE_TOLERANCE[1]).all(axis=1))
         times = np.where(still[:, None], np.inf, found.times)
-        harmless, _ = harmless_rates(curve, cells, speeds, distances)
-        left, limb, where, entries, _ = time_left(*motion, ends, times, harmless)
+        harmless, _ = harmless_rates(motion, cells, speeds, distances)
+        left, limb, where, entries, _ = time_left(*braked, ends, times, harmless)
         moved, speed = speeds[where, found.nearest[where, limb]] * cells.sizes[where] / 2, distances.speeds[limb]
         lost = np.divide(moved, speed, out=np.zeros(len(cells)), where=speed > 0)
         loss = np.where(limb < 0, 0.0, lost + cells.sizes + 2 * cells.sizes[where]) + _ROUGH * spans
@@ -143,7 +144,7 @@ def stops_beside(
         parts = _parts(cells, left, where, loss)
         if not rounds_left or (parts == 1).all() or (left + loss < 0).any():  # finer cells would not help everywhere
             return Stops(cells, accelerations, left, limb, where, loss, found, distances)
-        cells = curve.between(divided_edges(cells.edges, parts))
+        cells = motion.between(divided_edges(cells.edges, parts))
     raise AssertionError
 
 

@@ -14,7 +14,8 @@ from functools import cached_property
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
-from safe_ompl.motions.curve import BENDS, Cells
+from safe_ompl.motions.blends import BENDS
+from safe_ompl.motions.cells import Cells
 from safe_ompl.motions.kernels import Boxes, fastest, spread
 from safe_ompl.motions.limits import RateLimits
 from safe_ompl.robot import plain
@@ -30,7 +31,7 @@ _TIGHTER, _WIDER = 1 - 1e-9, 1 + 1e-9  # of limits, and of reach: what rounding 
 
 @dataclass(frozen=True)
 class TimeLaw:
-    """Arc length by time: constant s̈ in every cell of a curve.
+    """Arc length by time: constant s̈ in every cell of a motion.
 
     Of the grid points (N + 1,): `edges`, arc lengths; `squares`, x = ṡ² [rad²/s²]; `times`, when they are reached [s].
     """

@@ -10,10 +10,12 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import InputError, finite_array, instance, number
+from safe_ompl.motions.blends import blended
 from safe_ompl.motions.caps import MotionCaps, Standstill, StandstillError, bending_cap, people_caps, speed_caps
-from safe_ompl.motions.curve import BlendedCurve, BodySpeeds, blended
+from safe_ompl.motions.cells import BodySpeeds
 from safe_ompl.motions.danger import danger_cap
 from safe_ompl.motions.limits import RateLimits
+from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.separation import PeopleDistances
 from safe_ompl.motions.time_law import SmoothLimits, TimeLaw, best_window, fastest_law, velocity_cap
 from safe_ompl.motions.trajectory import SpeedCap, Trajectory
@@ -127,27 +129,27 @@ class PathTimer:
                 raise InputError(f"way point {k}: {beyond}")
         return self.along(blended(points, self.robot, self.tolerance, self.motion, self.limits), cells=cells)
 
-    def along(self, curve: BlendedCurve, *, cells: int = CELLS) -> Trajectory:
-        """Return the fastest trajectory along a curve that is there already; see `time`."""
+    def along(self, motion: Motion, *, cells: int = CELLS) -> Trajectory:
+        """Return the fastest trajectory along a path whose corners are rounded already (`blended`); see `time`."""
         limits, brakes, window, caps = self.limits, None, 0.0, list[SpeedCap]()
         speeds = self.caps.tool_speed, self.caps.link_speed
-        coarse, step = cells < CELLS, curve.length / cells
-        grid = curve.cells(step if coarse else min(CELL_LENGTH, step))
+        coarse, step = cells < CELLS, motion.length / cells
+        grid = motion.cells(step if coarse else min(CELL_LENGTH, step))
         if self.distances is not None:
             loss = _COARSE if coarse else _FINE
-            grid, brakes, window, caps = people_caps(curve, grid, self._bodies, limits, self.distances, loss)
+            grid, brakes, window, caps = people_caps(motion, grid, self._bodies, limits, self.distances, loss)
         elif limits.jerk is not None:
-            few = curve.cells(curve.length / _SEARCHED, _TURN)
+            few = motion.cells(motion.length / _SEARCHED, _TURN)
             window = best_window(few, limits, velocity_cap(few, limits))
         caps = [SpeedCap("joint velocity", velocity_cap(grid, limits)), *caps]
         if any(speeds):
-            caps += speed_caps(self._bodies.bounds(curve, grid), *speeds)
+            caps += speed_caps(self._bodies.bounds(motion, grid), *speeds)
         danger, max_danger = self.caps.danger, self.caps.max_danger
         if danger is not None and max_danger is not None:
             most = np.min([cap.speeds for cap in caps], axis=0)
-            grid, of, allowed = danger_cap(curve, grid, danger, max_danger, most)
+            grid, of, allowed = danger_cap(motion, grid, danger, max_danger, most)
             for j in np.flatnonzero(allowed <= 0):
-                q = curve.at(grid.centres[j : j + 1]).q[0]
+                q = motion.places(grid.centres[j : j + 1]).q[0]
                 reason = (
                     f"the danger of the robot at rest is {danger.field.value(q):.4g} there, "
                     f"{max_danger:.4g} is allowed; allow more, or keep the path farther away"
@@ -165,7 +167,7 @@ class PathTimer:
         else:
             law = TimeLaw.through(grid.edges, fastest_law(grid, limits.acceleration, most))
         kept = self.people, *speeds, danger, max_danger
-        return Trajectory(curve, law, limits, tuple(caps), brakes, *kept)
+        return Trajectory(motion, law, limits, tuple(caps), brakes, *kept)
 
 
 def within_tube(caps: MotionCaps, motion: MotionProver | None) -> MotionCaps:

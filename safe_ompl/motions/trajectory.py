@@ -19,9 +19,10 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, float_array, notebook_html, number, polynomials
 from safe_ompl.danger import KinetostaticField
-from safe_ompl.motions.curve import BlendedCurve, CurvePoints, divided_edges
+from safe_ompl.motions.cells import CurvePoints, divided_edges
 from safe_ompl.motions.danger import MotionDanger, motion_danger
 from safe_ompl.motions.limits import RateLimits
+from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.time_law import SmoothLaw, TimeLaw
 from safe_ompl.scene import People
 
@@ -67,8 +68,8 @@ class Trajectory:
 
     Attributes
     ----------
-    curve : BlendedCurve
-        The path with its corners rounded.
+    curve : Motion
+        The path with its corners rounded, by arc length.
     law : TimeLaw
         Where on the curve it is at what time.
     limits : RateLimits
@@ -86,7 +87,7 @@ class Trajectory:
         What the danger of the robot in motion keeps to.
     """
 
-    curve: BlendedCurve
+    curve: Motion
     law: TimeLaw
     limits: RateLimits
     caps: tuple[SpeedCap, ...] = ()
@@ -124,7 +125,7 @@ class Trajectory:
         Where the acceleration jumps, between two cells, that of the later one. An InputError if a time is no number.
         """
         _, place, rate, push = self._places(time)
-        state = State(place.q, place.slope * rate, place.slope * push + place.bend * (rate * rate))
+        state = State(place.q, place.dq_ds * rate, place.dq_ds * push + place.d2q_ds2 * (rate * rate))
         return state if np.ndim(time) else State(*(values[0] for values in state))
 
     def jerks_at(self, time: float | ArrayLike) -> FloatArray:
@@ -136,7 +137,7 @@ class Trajectory:
             raise InputError("the jerk of the trajectory is not limited: give RateLimits a jerk")
         times, place, rate, push = self._places(time)
         jerk = self.law.jerks(times)[:, None]
-        jerks: FloatArray = place.swing * rate**3 + 3 * place.bend * rate * push + place.slope * jerk
+        jerks: FloatArray = place.d3q_ds3 * rate**3 + 3 * place.d2q_ds2 * rate * push + place.dq_ds * jerk
         return jerks if np.ndim(time) else jerks[0]
 
     def _places(self, time: float | ArrayLike) -> tuple[FloatArray, CurvePoints, FloatArray, FloatArray]:
@@ -146,7 +147,7 @@ class Trajectory:
             raise InputError("time must be a number of seconds, got nan")
         cell, s, rate, push = self.law.at(times)
         edges = self.law.edges
-        place = self.curve.at(s, self.curve.piece_at((edges[cell] + edges[cell + 1]) / 2))
+        place = self.curve.places(s, self.curve.piece_at((edges[cell] + edges[cell + 1]) / 2))
         return times, place, rate[:, None], push[:, None]
 
     def points(self, rate: float = RATE) -> tuple[FloatArray, dict[str, FloatArray]]:
@@ -161,7 +162,7 @@ class Trajectory:
         smooth = isinstance(self.law, SmoothLaw)
         edges, knots = self.law.edges, self.law.knots
         # The jerk jumps between pieces of the curve, too.
-        pieces = np.searchsorted((edges[1:] + edges[:-1]) / 2, self.curve.starts)
+        pieces = np.searchsorted((edges[1:] + edges[:-1]) / 2, self.curve.times[:-1])
         knots = np.unique(np.append(knots, self.law.times[pieces]))
         knots = knots[(np.diff(knots, prepend=0.0) > _INSTANT) & (knots < self.duration - _INSTANT)]
         knots = np.concatenate([[0.0], knots, [self.duration]])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.common import InputError
-from safe_ompl.motions import BlendedCurve, Motion, MotionCheck
+from safe_ompl.motions import Motion, MotionCheck
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario, Scene
 
@@ -26,7 +26,7 @@ class Stretch:
         When it begins [s].
     check : MotionCheck
         Its motion, from its own time 0 on, and what is proven of it: `check.proof.checker` has robot and scene.
-    curve : BlendedCurve or None
+    curve : Motion or None
         Where all joints go, for who drives it in another time; None where it waits.
     joints : tuple of str
         Those that the step may move: of its arm, or all.
@@ -35,7 +35,7 @@ class Stretch:
     step: int
     begin: float
     check: MotionCheck
-    curve: BlendedCurve | None = None
+    curve: Motion | None = None
     joints: tuple[str, ...] = ()
 
     @property

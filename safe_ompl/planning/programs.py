@@ -33,7 +33,7 @@ from safe_ompl.common import (
     seed as checked_seed,
 )
 from safe_ompl.geometry import Obstacle, Pose
-from safe_ompl.motions import BlendedCurve, Motion, PathTimer, Trajectory
+from safe_ompl.motions import Motion, PathTimer, Trajectory
 from safe_ompl.planning.program_result import ProgramResult, Stretch
 from safe_ompl.planning.workcell import Driven, ImpossibleError, State, Workcell, named
 from safe_ompl.robot import Attachment, Robot
@@ -91,7 +91,7 @@ def _naming(scenario: Scenario) -> AbstractContextManager[None]:
     return document.within(str(scenario.file or scenario.name), ": ")
 
 
-def _points(trajectory: Trajectory, robot: Robot) -> tuple[Motion, BlendedCurve]:
+def _points(trajectory: Trajectory, robot: Robot) -> tuple[Motion, Motion]:
     """Return the motion through the points of a trajectory, and its curve."""
     times, points = trajectory.points(_RATE)
     rates = points["velocities"], points.get("accelerations")
@@ -264,10 +264,8 @@ class _ProgramPlanner:
         if found.motion is None:
             raise ImpossibleError(f"{100 * found.fraction:.0f} % of it can be followed; {found.why}")
         assert found.along is not None
-        stops = np.searchsorted(found.along.times, path.corners - _STILL).tolist()
-        return self._cell.driven(
-            state, scene, found.motion, BlendedCurve.of(found.along.times, found.along.coefficients, stops)
-        )
+        corners = tuple(np.searchsorted(found.along.times, path.corners - _STILL).tolist())
+        return self._cell.driven(state, scene, found.motion, replace(found.along, timed=False, corners=corners))
 
     def _gripper(self, step: Gripper, state: State) -> Any:
         robot = self._cell.holding(state)

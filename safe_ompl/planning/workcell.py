@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import CollisionError, FloatArray, InputError, UnknownNameError, documents as document
-from safe_ompl.motions import BlendedCurve, Motion, MotionCheck, RateLimits, tube_of
+from safe_ompl.motions import Motion, MotionCheck, RateLimits, tube_of
 from safe_ompl.planning.safe_setup import SafeSetup, setup_scenario
 from safe_ompl.robot import Attachment, Robot
 from safe_ompl.scene import Attach, Detach, Goal, Gripper, Scenario, Scene
@@ -33,7 +33,7 @@ class Driven(NamedTuple):
     """What is proven of a motion, its curve, and the joints that it may move."""
 
     check: MotionCheck
-    curve: BlendedCurve | None
+    curve: Motion | None
     joints: tuple[str, ...]
 
 
@@ -196,19 +196,12 @@ class Workcell:
             raise ImpossibleError(f"{pair[0]!r} touches {pair[1]!r} where it begins: {needs}") from None
 
     def driven(
-        self, state: State, scene: Scene, moving: Motion, curve: BlendedCurve | None = None
+        self, state: State, scene: Scene, moving: Motion, curve: Motion | None = None
     ) -> tuple[State, tuple[Driven, ...]]:
         """Return the state after a motion of some joints, the proof of it for all of them, and the curve of all."""
         robot, people = self.holding(state), self._scenario.people
         rows = self.rows(moving.joint_names or ())
-        coefficients = np.zeros((moving.pieces, moving.degree + 1, robot.n))
-        coefficients[:, 0] = state.q
-        turns = np.round((state.q[rows] - moving.coefficients[0, 0]) / (2 * np.pi)) * robot.continuous[rows]
-        coefficients[:, :, rows] = moving.coefficients
-        coefficients[:, 0, rows] += 2 * np.pi * turns
-        rounding = np.zeros((moving.pieces, robot.n))
-        rounding[:, rows] = moving.allowance
-        motion = Motion(moving.times - moving.times[0], coefficients, robot.joint_names, rounding=rounding)
+        motion = replace(moving.among(robot, state.q, rows), times=moving.times - moving.times[0])
         setup = self.setup(robot, scene, state.q)
         for _ in range(_TRIES):
             check = setup.check(motion, self.limits, people)
@@ -218,5 +211,5 @@ class Workcell:
         if not check:
             raise ImpossibleError(str(check.violations[0]))
         if curve is not None:
-            curve = curve.among(state.q, rows, 2 * np.pi * turns)
+            curve = curve.among(robot, state.q, rows)
         return state._replace(q=motion.knots[-1]), (Driven(check, curve, tuple(moving.joint_names or ())),)

@@ -117,7 +117,7 @@ def test_no_limb_arrives_earlier_and_the_first_is_exact(robot_named, name, rng):
         found = distances.along(curve, cells, bounds, soon, short)
         for k in rng.integers(0, len(cells), 12):
             s = np.append(cells.centres[k], rng.uniform(cells.edges[k], cells.edges[k + 1], 3))
-            exact = np.array([limbs.at(q) for q in curve.at(s).q])
+            exact = np.array([limbs.at(q) for q in curve.places(s).q])
             assert (found.distances[k] <= exact).all()
             assert (found.times[k] <= np.array([arrivals(distances, at, 0.0) for at in exact])).all()
             # In the middle of the cell nothing is lost but the motion of the nearest body.
@@ -145,7 +145,7 @@ def test_no_point_of_a_body_is_faster_than_its_bound(robot_named, name, shelf_pa
         s = rng.uniform(cells.edges[j] + 1e-5, cells.edges[j + 1] - 1e-5)
         points = []
         for side in (-1e-6, 1e-6):
-            q = robot.pinocchio_configuration(curve.at(np.array([s + side])).q[0])
+            q = robot.pinocchio_configuration(curve.places(np.array([s + side])).q[0])
             pin.framesForwardKinematics(model, data, q)
             at = [data.oMf[robot.tip_frame].translation.copy()[None]]
             for body in robot.collision_model.geometryObjects:

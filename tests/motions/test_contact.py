@@ -21,7 +21,7 @@ def cells_of(robot, path, step=0.05):
 
 def speeds_of(limits, robot, curve, cells, bodies):
     moving = [k for k, body in enumerate(robot.collision_model.geometryObjects) if body.parentJoint]
-    return limits.speeds(curve.at(cells.centres).q, cells.sizes, cells.slopes, bodies[:, moving])
+    return limits.speeds(curve.places(cells.centres).q, cells.sizes, cells.slopes, bodies[:, moving])
 
 
 class Adversary:
@@ -106,8 +106,8 @@ def test_no_gap_in_which_a_hand_fits_closes_faster_than_it_bears(robot_named, na
     worst, unclamped, met = 0.0, 0.0, 0
     for k in rng.choice(len(cells), 40, replace=False):
         s = rng.uniform(cells.edges[k], cells.edges[k + 1])
-        place = curve.at(np.array([s]))
-        adversary.place(place.q[0], place.slope[0])
+        place = curve.places(np.array([s]))
+        adversary.place(place.q[0], place.dq_ds[0])
         for g, body in enumerate(adversary.moving):
             closing = adversary.closing(body, limits.thickness[0], rng)
             worst = max(worst, closing * most[k, g, 0] / limits.bears_clamped[0])

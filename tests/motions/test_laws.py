@@ -8,7 +8,7 @@ import pytest
 
 from safe_ompl import DangerField, DangerLimit, InputError, Motion, RateLimits, TipBounds, time_path
 from safe_ompl.collision import Separation
-from safe_ompl.motions import BlendedCurve, Piece, SmoothLimits, blended, rate_violations, velocity_cap
+from safe_ompl.motions import SmoothLimits, blended, first_unproven, rate_violations, velocity_cap
 
 HOME = np.array([0.0, 0, 0, -1.5, 0, 1.5, 0])
 
@@ -39,7 +39,7 @@ def test_limits_hold_at_every_instant(robot_named, free, name, blend, jerk, asse
         limits, motion = RateLimits.of(robot, *kinds), free if blend else None
         trajectory = time_path(path, robot, limits, motion=motion, tolerance=rng.uniform(0.01, 0.4))
         assert_within_limits(trajectory)
-        assert len(trajectory.curve.stops) == (0 if blend else len(path) - 2)
+        assert len(trajectory.curve.corners) == (0 if blend else len(path) - 2)
         ends = trajectory.at([0.0, trajectory.duration])
         np.testing.assert_allclose(robot.difference(ends.q, path[[0, -1]]), 0, atol=1e-9)
         assert abs(ends.qd).max() < 1e-6
@@ -98,7 +98,7 @@ def test_a_limit_of_the_jerk_costs_little_and_nothing_where_it_does_not_bind(pan
         assert_within_limits(smooth)
         assert smooth.duration == pytest.approx(time_path(path, panda, hard).duration, rel=1e-3)
     back = time_path(along(1.0, -1.0), panda, franka, motion=free)
-    assert not back.curve.stops
+    assert not back.curve.corners
     assert_within_limits(back)
     assert back.at(np.linspace(0, back.duration, 3000)).q[:, 0].max() == pytest.approx(0.95, abs=0.01)
 
@@ -108,7 +108,7 @@ def test_any_caps_are_kept(panda):
     rng = np.random.default_rng(1)
     limits = RateLimits.of(panda, 2.0, 5.0, 60.0)
     forward, still = np.full(7, 7**-0.5), np.zeros(7)
-    curve = BlendedCurve([Piece(still, forward, still, still, 2.0)], [])
+    curve = Motion([0.0, 2.0], [[still, 2.0 * forward]], timed=False)
     cells = curve.cells(0.02)
     for scale, window in ((0.05, 0.02), (0.5, 0.1), (5.0, 0.4)):
         caps = np.minimum(5.2, scale * 10 ** rng.uniform(-1, 1, len(cells)))
@@ -136,24 +136,22 @@ def test_any_caps_are_kept(panda):
 @pytest.mark.parametrize("jerk", [True, False])
 def test_blends_stay_within_the_tolerance_and_their_boxes(panda, shelf_path, shelf_motion, franka, jerk, tolerance):
     curve = blended(shelf_path, panda, tolerance, shelf_motion, franka if jerk else None)
-    assert sum(not piece.straight for piece in curve.pieces) >= 2
-    for before, after in pairwise(curve.pieces):
-        end = before.places(np.array([before.length]))
-        for value, begin in ((end.q, after.start), (end.slope, after.slope), (end.bend, after.bend))[: 2 + jerk]:
-            np.testing.assert_allclose(value[0], begin, atol=1e-9)
+    assert curve.coefficients[:, 2:].any(axis=(1, 2)).sum() >= 2
+    for order in range(2 + jerk):
+        np.testing.assert_allclose(curve.jumps(order), 0.0, atol=1e-9)
     s = np.linspace(0, curve.length, 4000)
-    on = curve.at(s)
+    on = curve.places(s)
     away = np.min([distance(on.q, *edge) for edge in pairwise(shelf_path)], axis=0)
     assert tolerance / 3 < away.max() <= tolerance * (1 + 1e-9)
-    assert (np.linalg.norm(on.slope, axis=1) <= 1 + 1e-12).all()
+    assert (np.linalg.norm(on.dq_ds, axis=1) <= 1 + 1e-12).all()
     assert not any(map(shelf_motion.checker.in_collision, on.q[::40]))
     inner, step = s[10:-10:7], 1e-5
-    before, now, after = (curve.at(inner + side) for side in (-step, 0.0, step))
-    np.testing.assert_allclose((after.q - before.q) / (2 * step), now.slope, atol=1e-5)
+    before, now, after = (curve.places(inner + side) for side in (-step, 0.0, step))
+    np.testing.assert_allclose((after.q - before.q) / (2 * step), now.dq_ds, atol=1e-5)
     cells = curve.cells(0.05, 0.4)
     at = np.clip(np.searchsorted(cells.edges, s) - 1, 0, None)
     boxes = (*cells.boxes, -cells.swings, cells.swings)
-    for values, low, high in zip((on.slope, on.bend, on.swing)[: 1 + 2 * jerk], boxes[::2], boxes[1::2], strict=False):
+    for values, low, high in zip(on[1 : 2 + 2 * jerk], boxes[::2], boxes[1::2], strict=False):
         assert (values >= low[at] - 1e-9).all()
         assert (values <= high[at] + 1e-9).all()
 
@@ -166,7 +164,8 @@ def distance(points, a, b):
 def test_blends_keep_what_edges_keep(panda, shelf, shelf_path, shelf_motion):
     """Distances are 10 µm off at most, and a certificate is checked with as much again, as edges are."""
     curve = blended(shelf_path, panda, 0.2, shelf_motion)
-    blend = next(piece for piece in curve.pieces if not piece.straight)
+    k = int(np.flatnonzero(curve.coefficients[:, 2:].any(axis=(1, 2)))[0])
+    blend = curve.part(*curve.times[k : k + 2])
     places = blend.places(np.linspace(0, blend.length, 601)).q
     least = min(shelf_motion.checker.clearance(q).distance for q in places)
     field = DangerField(panda, shelf.scene.danger_points()[0])
@@ -180,8 +179,9 @@ def test_blends_keep_what_edges_keep(panda, shelf, shelf_path, shelf_motion):
         (replace(shelf_motion, limits=[TipBounds(panda, low - 1e-3, high)]), True),
         (replace(shelf_motion, limits=[TipBounds(panda, low + 1e-3, high)]), False),
     ):
-        assert blend.is_free(proof) is held
-    assert len(blended(shelf_path, panda, 0.2, replace(shelf_motion, separation=Separation(margin=3.0))).stops) == 2
+        assert (first_unproven(blend, proof) is None) is held
+    far = replace(shelf_motion, separation=Separation(margin=3.0))
+    assert len(blended(shelf_path, panda, 0.2, far).corners) == 2
 
 
 @pytest.mark.parametrize("spare", [0.0, 1e-15, 1e-12, 1e-9, 1e-7, 1e-3])
@@ -190,8 +190,8 @@ def test_no_line_between_blends_is_so_short_that_rounding_is_a_steep_jump(panda,
     steps = 0.02 * unit[0], (0.02 + spare) * unit[1], 0.02 * unit[0]
     path = shelf_path[0] + np.vstack([np.zeros(panda.n), np.cumsum(steps, axis=0)])
     curve = blended(path, panda, 0.2, shelf_motion)
-    assert not curve.stops
-    assert min(piece.length for piece in curve.pieces) > 9e-6
+    assert not curve.corners
+    assert np.diff(curve.times).min() > 9e-6
     assert curve.length == pytest.approx(0.06 + spare, abs=0.02)
 
 
@@ -201,7 +201,7 @@ def test_without_proof_it_stops_in_corners_and_a_way_point_on_the_way_is_none(pa
     with caplog.at_level("INFO"):
         trajectory = time_path(path, panda, panda_limits)
     assert "stops in 1 of 2 corners" in caplog.text
-    assert len(trajectory.curve.stops) == 1
+    assert len(trajectory.curve.corners) == 1
     way_point, corner = np.searchsorted(trajectory.law.edges, [0.3 - 1e-9, 0.6 - 1e-9])
     assert trajectory.law.squares[way_point] > trajectory.law.squares[corner] == 0
 

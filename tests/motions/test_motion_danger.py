@@ -30,8 +30,8 @@ def test_no_instant_of_a_cell_is_more_dangerous_than_its_bound(robot_named, free
         bounds = cell_danger(field, curve, cells, np.arange(len(cells)), np.ones(len(cells)), enough)
         for speed in (0.0, 0.5, 3.0):
             s = cells.edges[:-1] + cells.sizes * rng.uniform(1e-3, 1 - 1e-3, len(cells))
-            place = curve.at(s)
-            danger = field.values(place.q, place.slope * speed)
+            place = curve.places(s)
+            danger = field.values(place.q, place.dq_ds * speed)
             bound = bounds.at(np.full(len(cells), speed))
             assert (danger <= bound).all()
             if enough < 0 and name == "panda":

@@ -109,7 +109,7 @@ def test_no_point_of_a_body_leaves_where_a_cell_says_it_is(path, panda):
     for k in rng.integers(0, len(path.brakes), 20):
         ends = rng.uniform(path.edges[k], path.edges[k + 1], 3)
         centre = 0.5 * (path.edges[k] + path.edges[k + 1])
-        Q = path.curve.at(np.append(ends, centre)).q
+        Q = path.curve.places(np.append(ends, centre)).q
         rotations, origins, _ = path.bodies.frames(Q)
         for g, joint in enumerate(carriers):
             corners = vertices[first[g] : first[g + 1]]

@@ -31,7 +31,7 @@ _SHORT = 1e-6  # [m] links that are as good as a point
 _RIGID = 1e-9  # relative: links that become no longer than this do not
 
 
-class Motion(NamedTuple):
+class SkeletonMotion(NamedTuple):
     """A skeleton whose key points have velocities (K, 3), and the factors of φ̇ and of I [s]."""
 
     skeleton: Skeleton
@@ -54,7 +54,7 @@ class _Balls(NamedTuple):
 
 
 @part
-def _bound(motion: Motion, balls: _Balls, begin: int, end: int, room: FloatArray) -> None:
+def _bound(motion: SkeletonMotion, balls: _Balls, begin: int, end: int, room: FloatArray) -> None:
     """Write for each of a run of balls, or of points, a level that it does not exceed.
 
     `room: (L + 2K, ·)` is for the work: fields of the links; distances of the key points, and ρ·v/‖ρ‖ there.
@@ -156,7 +156,7 @@ def highest(
         place_keypoints(keys, rotation, origin, places)
         move_joints(joints, rates[b], origin, axis, twists)
         move_keypoints(keys, twists, places, velocities)
-        motion = Motion(Skeleton(places, links, tables.by_length, memory), velocities, ahead, spread)
+        motion = SkeletonMotion(Skeleton(places, links, tables.by_length, memory), velocities, ahead, spread)
         best, peak = 0, -inf
         _bound(motion, groups, 0, G, room)
         while True:

@@ -14,7 +14,7 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray
-from safe_ompl.motions import BlendedCurve, blended
+from safe_ompl.motions import Motion, blended
 from safe_ompl.people.replanning.bodies import RobotBodies
 from safe_ompl.people.replanning.guard import Command
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits, line
@@ -79,15 +79,15 @@ class Detours:
 
     # ------------------------------------------------------------------------------------------------- milestones
 
-    def cover(self, curve: BlendedCurve) -> None:
+    def cover(self, curve: Motion) -> None:
         """Add milestones around a curve, unless its ends are milestones."""
-        ends = curve.at(np.array([0.0, curve.length])).q
+        ends = curve.places(np.array([0.0, curve.length])).q
         if all(self._known(q) is not None for q in ends):
             return
-        on_it = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / max(_SPREAD)))).q
+        on_it = curve.places(np.linspace(0.0, curve.length, 2 + int(curve.length / max(_SPREAD)))).q
         samples = [q for q in on_it if self._known(q) is None]
         for k in range(_MILESTONES):
-            way = curve.at(self._rng.uniform(0.0, curve.length, 1)).q[0]
+            way = curve.places(self._rng.uniform(0.0, curve.length, 1)).q[0]
             q = way + self._rng.uniform(-1.0, 1.0, self._robot.n) * _SPREAD[k % len(_SPREAD)] * self._movable
             q = np.clip(q, self._robot.lower, self._robot.upper)
             if not self._prover.checker.touches(q):
@@ -266,7 +266,7 @@ class Detours:
         stay, least = float(expected[ahead].sum()), float(alone[ahead].sum())
         if stay < _SLOW * least + _WORTH:
             return None
-        start, goal = path.curve.at(np.array([rest, path.length])).q
+        start, goal = path.curve.places(np.array([rest, path.length])).q
         within, found = min(_GAIN * stay, stay - _WORTH, max(_LONGEST, _TIMES * least)), None
         for end in (goal, *others):
             better = self.quickest(start, end, around, now, within)
@@ -284,7 +284,7 @@ class Detours:
         first = command.motion.at(now - command.time)[0]
         if rest - first <= _SMALL:  # it stands
             return way, rest
-        begin = float(path.curve.starts[path.curve.piece_at(np.array([first]))[0]])
+        begin = float(path.curve.times[path.curve.piece_at(np.array([first]))[0]])
         return path.from_to(first, rest).then(way), begin
 
     def _shortened(self, points: list[FloatArray], around: Around) -> list[FloatArray]:

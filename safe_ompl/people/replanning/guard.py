@@ -78,9 +78,8 @@ class Command:
     def at(self, time: float) -> State:
         """Return joint values, velocities and accelerations (n,) at a time [s] from `time` on."""
         s, speed, push = self.motion.at(time - self.time)
-        place = self.path.curve.at(np.array([s]))
-        slope, bend = place.slope[0], place.bend[0]
-        return State(place.q[0], slope * speed, slope * push + bend * speed * speed)
+        q, first, second, _ = (values[0] for values in self.path.curve.places(np.array([s])))
+        return State(q, first * speed, first * push + second * speed * speed)
 
     def until_rest(self, time: float, step: float) -> tuple[FloatArray, list[State]]:
         """Return times (K,) [s] from one on, a step apart, the last one when the robot stands, and what holds then."""

@@ -18,11 +18,10 @@ from safe_ompl.motions import (
     LINK_SPEED,
     SEPARATION,
     TOOL_SPEED,
-    BlendedCurve,
     Cells,
     ContactLimits,
+    Motion,
     MotionCaps,
-    Piece,
     RateLimits,
     SmoothLimits,
     Trajectory,
@@ -54,11 +53,10 @@ _DERIVED = ("joint velocity", "bends beside people", *CONTACT_RULES)
 _NO_CONTACT: FloatArray = np.zeros((0, 0, 0))
 
 
-def line(start: FloatArray, end: FloatArray) -> BlendedCurve:
-    """Return the straight motion between two configurations (n,)."""
-    step, length = end - start, float(np.linalg.norm(end - start))
-    still = np.zeros(len(step))
-    return BlendedCurve([Piece(start, step / length, still, still, length)], [])
+def line(start: FloatArray, end: FloatArray) -> Motion:
+    """Return the straight path between two configurations (n,), by arc length."""
+    step = end - start
+    return Motion(np.array([0.0, np.linalg.norm(step)]), np.array([[start, step]]), timed=False)
 
 
 class MotionMargin(NamedTuple):
@@ -128,7 +126,7 @@ class GuardedPath:
     """
 
     bodies: RobotBodies  # The robot's
-    curve: BlendedCurve  # The path, proven against all that stands still
+    curve: Motion  # The path, proven against all that stands still
     limits: PathLimits  # The limits that it keeps
     edges: FloatArray  # (N + 1,), ends of the cells [rad]
     squares: FloatArray  # (N,), bounds X of ṡ²
@@ -142,7 +140,7 @@ class GuardedPath:
     def along(
         cls,
         bodies: RobotBodies,
-        curve: BlendedCurve,
+        curve: Motion,
         limits: PathLimits,
         step: float = STEP,
         bends: Callable[[Cells, RateLimits], FloatArray] = bending_cap,
@@ -154,7 +152,7 @@ class GuardedPath:
         for cap in speed_caps(of_bodies, limits.tool_speed, limits.link_speed):
             speeds = np.minimum(speeds, cap.speeds)
         travel = np.ascontiguousarray(of_bodies[:, bodies.moving] * cells.sizes[:, None] / 2)
-        frames = bodies.frames(curve.at(cells.centres).q, travel)
+        frames = bodies.frames(curve.places(cells.centres).q, travel)
         smooth = None
         if joints.jerk is not None:
             smooth = SmoothLimits.of(cells, joints, speeds, averaging_window(joints), stops=True, share=BENDS)
@@ -332,7 +330,7 @@ class GuardedPath:
         new = np.unique(at[np.isnan(most[at, 0, 0])]) if most.size else at[:0]
         if len(new):
             sizes = self.edges[new + 1] - self.edges[new]
-            Q = self.curve.at(self.edges[new] + 0.5 * sizes).q
+            Q = self.curve.places(self.edges[new] + 0.5 * sizes).q
             bodies = 2 * self.frames.travel[new] / sizes[:, None]
             most[new], free[new] = np.square(contact.speeds(Q, sizes, self.slopes[new], bodies))
         return most, free
@@ -388,18 +386,13 @@ class GuardedPath:
 
     def from_to(self, first: float, last: float) -> GuardedPath:
         """Return the path between two arc lengths; it begins at the start of the piece that holds the first one."""
-        piece = int(self.curve.piece_at(np.array([first]))[0])
-        begin = float(self.curve.starts[piece])
+        begin = float(self.curve.times[self.curve.piece_at(np.array([first]))[0]])
         a = int(np.searchsorted(self.edges, begin - _SAME))
         b = max(int(np.searchsorted(self.edges, last - _SAME)), a + 1)
         edges = np.append(self.edges[a:b], last) - begin
-        end = int(self.curve.piece_at(np.array([0.5 * (self.edges[b - 1] + last)]))[0])
-        pieces = list(self.curve.pieces[piece : end + 1])
-        pieces[-1] = pieces[-1]._replace(length=last - float(self.curve.starts[end]))
-        stops = [k - piece for k in self.curve.stops if piece < k <= end]
         return replace(
             self,
-            curve=BlendedCurve(pieces, stops),
+            curve=self.curve.part(begin, last),
             edges=edges,
             squares=self.squares[a:b],
             brakes=self.brakes[a:b],
@@ -411,11 +404,10 @@ class GuardedPath:
 
     def then(self, other: GuardedPath) -> GuardedPath:
         """Return this path and, after a stop at its end, another one that begins there."""
-        count, pieces = len(self.brakes), len(self.curve.pieces)
-        stops = [*self.curve.stops, pieces, *(pieces + k for k in other.curve.stops)]
+        count = len(self.brakes)
         return replace(
             self,
-            curve=BlendedCurve([*self.curve.pieces, *other.curve.pieces], stops),
+            curve=self.curve.then(other.curve),
             edges=np.concatenate([self.edges, self.length + other.edges[1:]]),
             squares=np.concatenate([self.squares, other.squares]),
             brakes=np.concatenate([self.brakes, other.brakes]),

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, finite_array, number, polynomials
-from safe_ompl.motions import BRAKING, BlendedCurve, Cells, Motion, Piece, RateLimits, State, bending_cap
+from safe_ompl.motions import BRAKING, Cells, Motion, RateLimits, State, bending_cap
 from safe_ompl.people.replanning.stop_motion import BENDS, averaging_window
 from safe_ompl.robot import Robot
 
@@ -33,7 +33,30 @@ _BUMP_SHARE = 0.15
 _RAMPS: FloatArray = np.geomspace(_SHORTEST, 10.0, 100)
 _SAME = 1e-9  # [s]
 
+
+class Piece(NamedTuple):
+    """A cubic by q, q′, q″ and q‴ where it begins, (n,) each, and its length."""
+
+    start: FloatArray
+    slope: FloatArray
+    bend: FloatArray
+    swing: FloatArray
+    length: float
+
+    @property
+    def powers(self) -> FloatArray:
+        """Coefficients (4, n) of the powers of the share of its length, as a `Motion` has them."""
+        t = self.length
+        return np.array([self.start, t * self.slope, t * t / 2 * self.bend, t * t * t / 6 * self.swing])
+
+
 Beginning: TypeAlias = tuple[list[Piece], float, float]  # of a curve, and ṡ and s̈ there
+
+
+def curve_of(pieces: Sequence[Piece]) -> Motion:
+    """Return the path along pieces, one after the other, by their lengths; nothing turns between them."""
+    ends = np.cumsum([piece.length for piece in pieces])
+    return Motion(np.append(0.0, ends), np.array([piece.powers for piece in pieces]), timed=False)
 
 
 def least_brake(limits: RateLimits) -> float:
@@ -108,7 +131,7 @@ class Positions:
         """How long it takes [s]."""
         return float(self.times[-1])
 
-    def own_curve(self, motion: Motion) -> BlendedCurve:
+    def own_curve(self, motion: Motion) -> Motion:
         """Return the curve of the motion that these are positions of, from its start at rest on; corners are stops.
 
         Cubics are exact; of higher degrees the curve has positions and velocities every 0.02 s. Lines have no
@@ -118,7 +141,7 @@ class Positions:
         if motion.degree <= 1 or self.limits.jerk is not None:
             still = np.zeros(motion.n)
             pieces, *_ = next(self.curves(0.0, State(self.positions[0], still, still), np.inf))
-            return BlendedCurve(pieces, [])
+            return curve_of(pieces)
         if motion.degree > _CUBIC:
             counts = np.ceil(np.diff(motion.times) / _EXACT).astype(int).tolist()
             motion = motion.cut({k: np.arange(1, m) / m for k, m in enumerate(counts) if m > 1})
@@ -128,8 +151,8 @@ class Positions:
         cubics = np.stack([begins, slopes, 3 * ways - 2 * slopes - after, slopes + after - 2 * ways], axis=1)
         spans = np.diff(motion.times)[:, None]
         jumps = np.abs(after[:-1] / spans[:-1] - slopes[1:] / spans[1:]).max(axis=1)
-        corners = (1 + np.flatnonzero(jumps > _CORNER)).tolist()
-        return BlendedCurve.of(motion.times - motion.times[0], cubics, corners)
+        corners = tuple((1 + np.flatnonzero(jumps > _CORNER)).tolist())
+        return Motion(motion.times - motion.times[0], cubics, motion.joint_names, timed=False, corners=corners)
 
     def curves(self, begin: float, state: State, window: float) -> Iterator[Beginning]:
         """Yield curves from a state at `begin` of it on, with ṡ and s̈ where they begin, the nearest to it first.
@@ -188,7 +211,7 @@ def _bent(pieces: list[Piece], bend: FloatArray, pace: float, jerk: FloatArray) 
 
     The difference has three pieces of constant q‴, at the end of which it, its q′ and its q″ are 0.
     """
-    spline, still = BlendedCurve(pieces, []), np.zeros_like(bend)
+    spline, still = curve_of(pieces), np.zeros_like(bend)
     change = bend - pieces[0].bend
     length = pace**3 * max(map(abs, _BUMP)) * float((np.abs(change) / jerk).max()) / _BUMP_SHARE
     length = float(np.clip(length, _SHORTEST, 0.5 * spline.length))
@@ -196,10 +219,10 @@ def _bent(pieces: list[Piece], bend: FloatArray, pace: float, jerk: FloatArray) 
     for swing in _BUMP:
         bump.append(Piece(q, slope, rest, swing / length * change, length / len(_BUMP)))
         q, slope, rest = _end(bump)
-    difference = BlendedCurve([*bump, Piece(still, still, still, still, spline.length - length)], [])
-    at = np.union1d(spline.starts, difference.starts)
+    difference = curve_of([*bump, Piece(still, still, still, still, spline.length - length)])
+    at = np.union1d(spline.times[:-1], difference.times[:-1])
     at = at[np.diff(at, append=spline.length) > _SAME]
-    rows = (one + other for one, other in zip(spline.at(at), difference.at(at), strict=True))
+    rows = (one + other for one, other in zip(spline.places(at), difference.places(at), strict=True))
     return [Piece(*row) for row in zip(*rows, np.diff(at, append=spline.length).tolist(), strict=True)]
 
 
@@ -275,5 +298,5 @@ def _ramp(state: State, target: FloatArray, limits: RateLimits) -> list[Piece]:
 
 def _end(pieces: list[Piece]) -> State:
     """Return where pieces end: q, q′ and q″."""
-    last = pieces[-1]
-    return State(*(values[0] for values in last.places(np.array([last.length]))[:3]))
+    q, rate, bend, swing, t = pieces[-1]
+    return State(q + t * (rate + t * (bend / 2 + t * swing / 6)), rate + t * (bend + t * swing / 2), bend + t * swing)

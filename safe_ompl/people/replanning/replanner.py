@@ -29,7 +29,7 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray, InputError
-from safe_ompl.motions import SEPARATION, Trajectory
+from safe_ompl.motions import SEPARATION, Trajectory, first_unproven
 from safe_ompl.people import ReachSets
 from safe_ompl.people.kernels import CellFrames, chords_ahead, separating_axes
 from safe_ompl.people.replanning.bodies import RobotBodies
@@ -92,13 +92,13 @@ class Replanner(Guard):
         if last is not None:
             if last.doing not in (Doing.DONE, Doing.STANDING):
                 raise InputError("the robot still moves: start when it stands or is done")
-            away = self.robot.difference(last.at(np.inf).q, path.curve.at(np.zeros(1)).q[0])
+            away = self.robot.difference(last.at(np.inf).q, path.curve.places(np.zeros(1)).q[0])
             if np.abs(away).max() > _SAME:
                 raise InputError(f"the trajectory begins {np.abs(away).max():.3g} rad from where the robot stands")
-        for k, piece in enumerate(trajectory.curve.pieces):
-            if not piece.is_free(self.prover):
-                where = f"piece {k} of the trajectory, from {piece.start.round(3).tolist()} on"
-                raise InputError(f"{where}, is not free of what stands still")
+        blocked = first_unproven(trajectory.curve, self.prover)
+        if blocked is not None:
+            begin = trajectory.curve.knots[blocked].round(3).tolist()
+            raise InputError(f"piece {blocked} of the trajectory, from {begin} on, is not free of what stands still")
         self._path, self._last, self._detour, self._retreat, self._others = path, None, None, None, tuple(others)
         retreats = self.options.retreats and not self.prover.separation.tube
         joints = self.robot.joint_names if self.options.joints is None else self.options.joints
@@ -212,7 +212,7 @@ class Receding:
 
     def __init__(self, path: GuardedPath, s: float, sets: ReachSets) -> None:
         self._path, self._s, self._sets = path, s, sets
-        frames = path.bodies.frames(path.curve.at(np.array([s])).q)
+        frames = path.bodies.frames(path.curve.places(np.array([s])).q)
         self._axes, self._apart = _ahead(path.bodies, frames, sets)
         self._always = np.zeros((len(path.bodies.links), len(sets.names)), dtype=bool)
         for g in np.flatnonzero(path.bodies.turning).tolist():
@@ -226,7 +226,7 @@ class Receding:
         found, corners = self._always.copy(), path.edges[path.stops]
         if not len(motion.cells) or ((self._s < corners) & (corners < last)).any():
             return found
-        frames = path.bodies.frames(path.curve.at(np.array([self._s, last])).q)
+        frames = path.bodies.frames(path.curve.places(np.array([self._s, last])).q)
         bends = path.accelerations[motion.cells].max(axis=0) * (last - self._s) ** 2 / 2
         body, which = np.nonzero(chords_ahead(path.bodies.arrays, frames, self._axes, self._apart, bends))
         found[body, which] = True
@@ -252,13 +252,13 @@ class Retreats:
 
     def search(self, path: GuardedPath, s: float, sets: ReachSets) -> GuardedPath | None:
         """Return a motion away from all who are near a robot that stands at s of a path, back, and on; or None."""
-        q = path.curve.at(np.array([s])).q[0]
+        q = path.curve.places(np.array([s])).q[0]
         end = self._away(q, sets)
         if end is None:
             return None
         out, back, rest = (
             GuardedPath.along(self._bodies, curve, self._limits)
-            for curve in (line(q, end), line(end, q), path.curve.rest(s))
+            for curve in (line(q, end), line(end, q), path.curve.part(s, path.length))
         )
         return out.then(back).then(rest)
 
@@ -357,7 +357,7 @@ class Tour:
 
     def __init__(self, ways: Mapping[tuple[int, int], Trajectory]) -> None:
         self.ways = ways
-        begins = {i: way.curve.at(np.zeros(1)).q[0] for (i, _), way in ways.items()}
+        begins = {i: way.curve.places(np.zeros(1)).q[0] for (i, _), way in ways.items()}
         self.places: FloatArray = np.array([begins[k] for k in sorted(begins)])
         self._left: set[int] = set()  # of this round
 

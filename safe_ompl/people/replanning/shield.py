@@ -30,11 +30,11 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
 from safe_ompl.common import InputError, SafeOmplError, finite_array
-from safe_ompl.motions import BlendedCurve, Motion, Piece, RateLimits, State
+from safe_ompl.motions import Motion, RateLimits, State
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guard import Command, Doing, Guard
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits
-from safe_ompl.people.replanning.proposals import Positions, Velocity, least_brake, proposed_cap
+from safe_ompl.people.replanning.proposals import Piece, Positions, Velocity, curve_of, least_brake, proposed_cap
 from safe_ompl.people.replanning.stop_motion import averaging_window
 
 _log = logging.getLogger(__name__)
@@ -98,7 +98,7 @@ class Shield(Guard):
             raise InputError(f"joint {self.robot.joint_names[i]!r} = {here[i]:g} is outside its limits", "start")
         still = np.zeros(self.robot.n)
         piece = Piece(here, still, still, still, 1.0)
-        self._rest = rest = self._path(BlendedCurve([piece], []))
+        self._rest = rest = self._path(curve_of([piece]))
         # The first proof makes and loads what all need: here, and not within the first tick.
         self.prover.proven_by_bounds(piece.powers[None])
         self.prover.check_curve(piece.powers)
@@ -139,9 +139,9 @@ class Shield(Guard):
             raise InputError("start where the robot stands first")
         proposal = Positions.of(motion, None, None, self.robot, self.limits.joints)
         curve = proposal.own_curve(motion)
-        curve = curve.rest(since) if since > 0 else curve
-        stands = self._rest.curve.pieces[0].start
-        away = self.robot.difference(stands, curve.pieces[0].start)
+        curve = curve.part(since, curve.length) if since > 0 else curve
+        stands = self._rest.curve.knots[0]
+        away = self.robot.difference(stands, curve.knots[0])
         farthest = int(np.abs(away).argmax())
         if abs(away[farthest]) > within:
             where = f"{abs(away[farthest]):.3g} from where {self.robot.joint_names[farthest]!r} stands"
@@ -150,11 +150,12 @@ class Shield(Guard):
         if abs(away[farthest]) > _JOINED:
             begin -= _OVER
             first = Piece(stands, 0 * away, 6 * away / _OVER**2, -12 * away / _OVER**3, _OVER)
-            curve = BlendedCurve([first, *curve.pieces], [1, *(1 + k for k in curve.stops)])
-        for at, piece in zip((begin + curve.starts).tolist(), curve.pieces, strict=True):
-            verdict = self.prover.check_curve(piece.powers)
+            curve = curve_of([first]).then(curve)
+        for k, piece in enumerate(curve.coefficients):
+            verdict = self.prover.check_curve(piece)
             if verdict.verdict is not Verdict.FREE:
-                raise InputError(_blocked(verdict, f"at {at + (verdict.at or 0.0) * piece.length:.2f} s"))
+                at = begin + np.interp(verdict.at or 0.0, [0.0, 1.0], curve.times[k : k + 2])
+                raise InputError(_blocked(verdict, f"at {at:.2f} s"))
         path = self._path(curve)
         _ = path.ceiling  # here, and not within the first tick
         self._proposal, self._refused, self._clock = proposal, "", np.nan
@@ -252,7 +253,7 @@ class Shield(Guard):
             begin = way.begin + s
         else:
             way = None
-        q = self._rest.curve.pieces[0].start
+        q = self._rest.curve.knots[0]
         state = State(q, np.zeros_like(q), np.zeros_like(q)) if last is None else last.at(time)
         why = "its joints would have to accelerate too much to join it"
         try:
@@ -294,12 +295,12 @@ class Shield(Guard):
                 break
         if not proven:
             return None, blocked
-        path = self._path(BlendedCurve(proven, []))
+        path = self._path(curve_of(proven))
         if not path.admits(pace, push):
             return None, ""
         return _Way(proposal, path, begin, whole and not blocked, blocked), ""
 
-    def _path(self, curve: BlendedCurve) -> GuardedPath:
+    def _path(self, curve: Motion) -> GuardedPath:
         path = GuardedPath.along(self.bodies, curve, self.limits, _CELL, proposed_cap)
         return replace(path, brakes=np.minimum(path.brakes, _HARDEST))
 

@@ -279,7 +279,7 @@ class Simulation:
                 }
                 if new_path:
                     curve = current.path.curve
-                    line["ahead"] = curve.at(np.append(curve.starts, curve.length)).q.tolist()
+                    line["ahead"] = curve.knots.tolist()
                 yield line
             over = seconds
         finally:  # also where Ctrl-C or the caller ends it before its time

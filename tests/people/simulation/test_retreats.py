@@ -58,7 +58,7 @@ def test_who_is_receded_from_is_nowhere_nearer_than_at_the_start(panda, bodies, 
     away[bodies.turning] = False  # they stay behind what they sweep
     at_first = core_distances(bodies, q, places)
     for s in np.linspace(0.0, motion.places[-1], 12):
-        now = core_distances(bodies, path.curve.at(np.array([s])).q[0], places)
+        now = core_distances(bodies, path.curve.places(np.array([s])).q[0], places)
         assert (now[away] >= at_first[away] - 1e-5).all()
     assert away.any()
 
@@ -85,7 +85,7 @@ def test_a_retreat_leads_away_from_all_who_are_near_and_back_and_none_if_nobody_
     way = GuardedPath.along(bodies, line(q, goal), limits)
     places = panda.tip_pose(q).translation + np.array([[0.12, 0.05, 0.0], [0.12, -0.05, 0.05]])
     path = retreats.search(way, 0.0, balls(places))
-    start, away, back, end = path.curve.at(np.append(path.curve.starts, path.length)).q
+    start, away, back, end = path.curve.places(path.curve.times).q
     np.testing.assert_allclose([start, back, end], [q, q, goal], atol=1e-12)
     at_first, then = (core_distances(bodies, each, places)[7:] for each in (q, away))
     assert (then >= at_first - 1e-5).all()

@@ -1,0 +1,121 @@
+"""Paths as curves: straight lines in joint space, and blends for corners that are proven as the edges are."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from safe_ompl.collision import MotionProver, Verdict
+from safe_ompl.common import FloatArray, InputError
+from safe_ompl.motions.limits import RateLimits
+from safe_ompl.motions.motion import Motion
+from safe_ompl.robot import Robot
+
+_log = logging.getLogger(__name__)
+
+# Turns by less than this are driven through as they are.
+_STRAIGHT = 1e-9  # [1/rad]
+# Blends that are tried, in shares of the largest one that the tolerance allows.
+_SMALLER = (1.0, 0.5, 0.25, 0.1, 0.03)
+# Share of the jerk that q‴ṡ³ may take; the rest is left for accelerating along the curve.
+BENDS = 0.9
+_SAME = 1e-12  # [rad] way points nearer than this are one
+# On lines between blends that are shorter than this, rounding would be a steep jump.
+_SHORT = 1e-5  # [rad]
+
+
+def blended(
+    path: FloatArray, robot: Robot, tolerance: float, motion: MotionProver | None, limits: RateLimits | None = None
+) -> Motion:
+    """Return the path (N, n) with its corners rounded, within a tolerance [rad]; if it is 0 the robot stops in corners.
+
+    Of the blends of `docs/mathematics.md` §9 the largest within the tolerance is taken that uses no more than half of
+    either edge and is proven; where none is, or nothing proves it, the robot stops in the corner. The parameter is the
+    arc length of lines, and of blends nearly that. An InputError if the path does not move.
+    """
+    steps = robot.difference(path[:-1], path[1:])
+    moves = np.linalg.norm(steps, axis=1) > _SAME
+    if not moves.any():
+        raise InputError("the path does not move: give two different way points at least")
+    steps = steps[moves]
+    points = path[0] + np.vstack([np.zeros((1, robot.n)), np.cumsum(steps, axis=0)])  # continuous joints unrolled
+    lengths = np.linalg.norm(steps, axis=1)
+    units = steps / lengths[:, None]
+    proof = motion if tolerance else None
+    still, spans, pieces, corners = np.zeros(robot.n), list[float](), list[FloatArray](), list[int]()
+    begun = 0.0  # of the edge, used by the blend before
+    for k, (unit, length) in enumerate(zip(units, lengths.tolist(), strict=True)):
+        blend, room = None, 0.0
+        last = k == len(units) - 1
+        bends = not last and np.linalg.norm(units[k + 1] - unit) > _STRAIGHT
+        if bends and proof is not None:
+            longest = min(length, lengths[k + 1]) / 2
+            if _SAME * length < length - begun - longest < _SHORT:
+                longest -= min(_SHORT, longest / 2)
+            blend, room = _blend(points[k + 1], unit, units[k + 1], longest, tolerance, proof, limits)
+        line = length - begun - room
+        if line > _SAME * length:
+            spans.append(line)
+            pieces.append(np.array([points[k] + begun * unit, line * unit, still, still]))
+        if blend is not None:
+            spans += np.diff(blend.times).tolist()
+            pieces += list(blend.coefficients)
+        elif bends:
+            corners.append(len(pieces))
+        begun = room
+    if corners:
+        why = "no blend is proven there" if proof else "nothing proves blends" if tolerance else "tolerance 0"
+        _log.info("the robot stops in %d of %d corners: %s", len(corners), len(units) - 1, why)
+    times = np.concatenate([[0.0], np.cumsum(spans)])
+    return Motion(times, np.array(pieces), robot.joint_names, timed=False, corners=tuple(corners))
+
+
+def _blend(
+    corner: FloatArray,
+    first: FloatArray,
+    second: FloatArray,
+    room: float,
+    tolerance: float,
+    proof: MotionProver,
+    limits: RateLimits | None,
+) -> tuple[Motion | None, float]:
+    """Return a proven blend and how much of the edges it takes; None and 0 if none is proven."""
+    change = second - first
+    longest = min(room, 4 * tolerance / float(np.linalg.norm(change)))
+    for share in _SMALLER:
+        reach = share * longest
+        ramp = _ramp(np.abs(change), 2 * reach, limits)
+        top = change / (2 * reach * (1 - ramp))
+        still = np.zeros_like(change)
+        swing = top / (2 * reach * ramp) if ramp else still
+        # q″ rises, stays, and falls, each in a part of the blend.
+        parts = [(bend, part) for bend, part in ((swing, ramp), (still, 1 - 2 * ramp), (-swing, ramp)) if part > 0]
+        spans = [2 * reach * part for _, part in parts]
+        begin = corner - reach * first, first, still if ramp else top
+        blend = Motion.of_highest(begin, spans, np.array([rate for rate, _ in parts]))
+        if first_unproven(blend, proof) is None:
+            return blend, reach
+    return None, 0.0
+
+
+def first_unproven(motion: Motion, proof: MotionProver) -> int | None:
+    """Return the first piece of a path that is not proven free, straight ones as edges are; None if all are proven."""
+    for k, piece in enumerate(motion.coefficients):
+        straight = not piece[2:].any()
+        if straight and proof.is_free(piece[0], piece[0] + piece[1]):
+            continue
+        if straight or proof.check_curve(piece).verdict is not Verdict.FREE:
+            return k
+    return None
+
+
+def _ramp(change: FloatArray, length: float, limits: RateLimits | None) -> float:
+    """Return the share of a blend in which q″ rises: a speed that needs all of the acceleration bears the jerk."""
+    if limits is None or limits.jerk is None:
+        return 0.0
+    with np.errstate(divide="ignore"):
+        push = float((limits.acceleration / change).min())
+        jerk = float((BENDS * limits.jerk / change).min())
+    c = push**1.5 / (jerk * length**0.5)
+    return float(min(0.5, c * (np.sqrt(c * c + 4) - c) / 2))
