@@ -46,22 +46,22 @@ def blended(
     still, spans, pieces, corners = np.zeros(robot.n), list[float](), list[FloatArray](), list[int]()
     begun = 0.0  # of the edge, used by the blend before
     for k, (unit, length) in enumerate(zip(units, lengths.tolist(), strict=True)):
-        blend, room = None, 0.0
+        blend, parts = list[FloatArray](), list[float]()
         last = k == len(units) - 1
         bends = not last and np.linalg.norm(units[k + 1] - unit) > _STRAIGHT
         if bends and proof is not None:
             longest = min(length, lengths[k + 1]) / 2
             if _SAME * length < length - begun - longest < _SHORT:
                 longest -= min(_SHORT, longest / 2)
-            blend, room = _blend(points[k + 1], unit, units[k + 1], longest, tolerance, proof, limits)
+            blend, parts = _blend(points[k + 1], unit, units[k + 1], longest, tolerance, proof, limits)
+        room = sum(parts) / 2
         line = length - begun - room
         if line > _SAME * length:
             spans.append(line)
             pieces.append(np.array([points[k] + begun * unit, line * unit, still, still]))
-        if blend is not None:
-            spans += np.diff(blend.times).tolist()
-            pieces += list(blend.coefficients)
-        elif bends:
+        pieces += blend
+        spans += parts
+        if bends and not blend:
             corners.append(len(pieces))
         begun = room
     if corners:
@@ -79,8 +79,8 @@ def _blend(
     tolerance: float,
     proof: MotionProver,
     limits: RateLimits | None,
-) -> tuple[Motion | None, float]:
-    """Return a proven blend and how much of the edges it takes; None and 0 if none is proven."""
+) -> tuple[list[FloatArray], list[float]]:
+    """Return the pieces of a proven blend, coefficients (4, n), and their lengths; none if no blend is proven."""
     change = second - first
     longest = min(room, 4 * tolerance / float(np.linalg.norm(change)))
     for share in _SMALLER:
@@ -90,24 +90,30 @@ def _blend(
         still = np.zeros_like(change)
         swing = top / (2 * reach * ramp) if ramp else still
         # q″ rises, stays, and falls, each in a part of the blend.
-        parts = [(bend, part) for bend, part in ((swing, ramp), (still, 1 - 2 * ramp), (-swing, ramp)) if part > 0]
-        spans = [2 * reach * part for _, part in parts]
-        begin = corner - reach * first, first, still if ramp else top
-        blend = Motion.of_highest(begin, spans, np.array([rate for rate, _ in parts]))
-        if first_unproven(blend, proof) is None:
-            return blend, reach
-    return None, 0.0
+        parts = ((still, swing, ramp), (top, still, 1 - 2 * ramp), (top, -swing, ramp))
+        blend, spans = list[FloatArray](), list[float]()
+        q, rate = corner - reach * first, first
+        for bend, push, part in parts:
+            if part > 0:
+                span = 2 * reach * part
+                blend.append(np.array([q, span * rate, span**2 / 2 * bend, span**3 / 6 * push]))
+                spans.append(span)
+                q, rate = blend[-1].sum(axis=0), rate + span * (bend + span * push / 2)
+        if all(is_free(piece, proof) for piece in blend):
+            return blend, spans
+    return [], []
+
+
+def is_free(piece: FloatArray, proof: MotionProver) -> bool:
+    """Return whether a piece, coefficients (d + 1, n), is proven free; a straight one as edges are."""
+    if not piece[2:].any():
+        return proof.is_free(piece[0], piece[0] + piece[1])
+    return proof.check_curve(piece).verdict is Verdict.FREE
 
 
 def first_unproven(motion: Motion, proof: MotionProver) -> int | None:
-    """Return the first piece of a path that is not proven free, straight ones as edges are; None if all are proven."""
-    for k, piece in enumerate(motion.coefficients):
-        straight = not piece[2:].any()
-        if straight and proof.is_free(piece[0], piece[0] + piece[1]):
-            continue
-        if straight or proof.check_curve(piece).verdict is not Verdict.FREE:
-            return k
-    return None
+    """Return the first piece of a path that is not proven free; None if all are proven."""
+    return next((k for k, piece in enumerate(motion.coefficients) if not is_free(piece, proof)), None)
 
 
 def _ramp(change: FloatArray, length: float, limits: RateLimits | None) -> float:

@@ -195,7 +195,7 @@ def harmless_rates(
     if distances.contact is None:
         return np.zeros(shape), np.zeros(shape, dtype=bool)
     moving = speeds[:, distances.moving]
-    found, free = distances.contact.speeds(motion.places(cells.centres).q, cells.sizes, cells.slopes, moving)
+    found, free = distances.contact.speeds(motion.at(cells.centres), cells.sizes, cells.slopes, moving)
     return found.min(axis=1), found.min(axis=1) < free.min(axis=1)
 
 

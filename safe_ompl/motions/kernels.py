@@ -293,3 +293,76 @@ def drive(
         if not ticking and x <= 0.0:
             break
     return cells[:n].copy(), S[: n + 1].copy(), X[: n + 1].copy(), T[: n + 1].copy()
+
+
+_EPS = 2.0**-52
+_ROUNDING = 16.0 * _EPS  # what each of a few steps may round, relative to the sum of the coefficients
+
+
+@compiled
+def derivatives(times: FloatArray, coefficients: FloatArray, pieces: IntArray, s: FloatArray) -> FloatArray:
+    """Return the values (4, S, n) of polynomials (K, d + 1, n) and of their derivatives at s (S,), each in a piece.
+
+    Piece k has powers of (s − t_k)/(t_{k+1} − t_k), with `times: (K + 1,)`.
+    """
+    S, n, degree = len(s), coefficients.shape[2], coefficients.shape[1] - 1
+    found = np.zeros((4, S, n))
+    for j in range(S):
+        k = pieces[j]
+        span = times[k + 1] - times[k]
+        u = (s[j] - times[k]) / span
+        for i in range(n):
+            q, first, second, third = coefficients[k, degree, i], 0.0, 0.0, 0.0
+            for power in range(degree - 1, -1, -1):
+                third, second, first = third * u + second, second * u + first, first * u + q
+                q = q * u + coefficients[k, power, i]
+            found[0, j, i], found[1, j, i] = q, first / span
+            found[2, j, i], found[3, j, i] = 2.0 * second / span**2, 6.0 * third / span**3
+    return found
+
+
+@compiled
+def derivative_ranges(
+    times: FloatArray, coefficients: FloatArray, pieces: IntArray, edges: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return bounds (3, N, n), low and high, of the first three derivatives in cells between `edges: (N + 1,)`.
+
+    They are the least and the largest Bernstein coefficients in each cell, with what rounding adds; cells lie in
+    `pieces: (N,)`, as `derivatives` has them.
+    """
+    N, n, degree = len(pieces), coefficients.shape[2], coefficients.shape[1] - 1
+    low, high, held = np.zeros((3, N, n)), np.zeros((3, N, n)), np.empty(degree + 1)
+    for j in range(N):
+        k = pieces[j]
+        span = times[k + 1] - times[k]
+        first, width = (edges[j] - times[k]) / span, (edges[j + 1] - edges[j]) / span
+        for i in range(n):
+            for power in range(degree + 1):
+                held[power] = coefficients[k, power, i]
+            for power in range(degree):  # powers of u − first
+                for p in range(degree - 1, power - 1, -1):
+                    held[p] += first * held[p + 1]
+            for order in range(1, min(degree, 3) + 1):
+                # Of the derivative by (u − first)/width: its powers p have the factor (p + order)!/p!.
+                last, size = degree - order, 0.0
+                for p in range(last + 1):
+                    factor = 1.0
+                    for f in range(order):
+                        factor *= p + order - f
+                    size += factor * abs(coefficients[k, p + order, i])
+                least, most = inf, -inf
+                for point in range(last + 1):
+                    value, ratio, scale = 0.0, 1.0, 1.0
+                    for p in range(point + 1):
+                        factor = 1.0
+                        for f in range(order):
+                            factor *= p + order - f
+                        value += ratio * factor * scale * held[p + order]
+                        scale *= width
+                        if p < point:
+                            ratio *= (point - p) / (last - p)
+                    least, most = min(least, value), max(most, value)
+                error = _ROUNDING * (last + 3) * size
+                low[order - 1, j, i] = (least - error) / span**order
+                high[order - 1, j, i] = (most + error) / span**order
+    return low, high

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 from safe_ompl.common import FloatArray, InputError, IntArray, documents, finite_array, float_array, polynomials, shown
 from safe_ompl.motions import forms
 from safe_ompl.motions.cells import Cells, CurvePoints, divided_edges
-from safe_ompl.motions.kernels import Boxes
+from safe_ompl.motions.kernels import Boxes, derivative_ranges, derivatives
 from safe_ompl.motions.limits import RATE_TOLERANCE
-from safe_ompl.robot import Robot
+from safe_ompl.robot import Robot, plain
 
 _ROUGH = 1e-9  # [rad or m] far below what proofs keep more than they must
 _TURNS = 4 * np.pi  # [rad] beyond which a joint that has limits is probably given in degrees
@@ -170,6 +170,8 @@ class Motion:
 
     def derivative_coefficients(self, order: int) -> FloatArray:
         """Return the coefficients (K, max(d − order, 0) + 1, n) of the derivative by time of an order."""
+        if order == 0:
+            return self.coefficients
         if order > self.degree:
             return np.zeros((self.pieces, 1, self.n))
         factors = np.array([float(perm(k, order)) for k in range(order, self.degree + 1)])
@@ -292,21 +294,13 @@ class Motion:
         In contrast to `at` the first and the last piece go on beyond the ends.
         """
         which = self.piece_at(s) if pieces is None else pieces
-        span = self._spans[which][:, None]
-        u, held = (s - self.times[which])[:, None] / span, self.coefficients[which]
-        # Horner's scheme for the value and for derivatives divided by k!.
-        found = [held[:, -1].copy(), *(np.zeros_like(held[:, -1]) for _ in range(3))]
-        for k in range(self.degree - 1, -1, -1):
-            for order in (3, 2, 1):
-                found[order] = found[order] * u + found[order - 1]
-            found[0] = found[0] * u + held[:, k]
-        q, first, second, third = found
-        return CurvePoints(q, first / span, 2 * second / span**2, 6 * third / span**3)
+        # Kernels are compiled for arrays that cannot be written, as those of every motion are.
+        return CurvePoints(*derivatives(self.times, self.coefficients, which, plain(s)))
 
     def cells(self, step: float, turn: float = 0.1) -> Cells:
         """Return cells no longer than `step`, in each of which q′ changes by no more than `turn`."""
         if (step, turn) not in self._known:
-            rates = self._derivatives[1]
+            rates = self.derivative_coefficients(1)
             turned = np.linalg.norm(rates[:, 1:].sum(axis=1), axis=1)
             parts = np.maximum(1, np.ceil(np.maximum(self._spans / step, turned / turn))).astype(np.intp)
             self._known[step, turn] = self.between(divided_edges(self.times, parts))
@@ -317,11 +311,6 @@ class Motion:
         """Cells that were asked for."""
         return {}
 
-    @cached_property
-    def _derivatives(self) -> dict[int, FloatArray]:
-        """Coefficients of the first three derivatives, by their order."""
-        return {order: self.derivative_coefficients(order) for order in (1, 2, 3)}
-
     def between(self, edges: FloatArray) -> Cells:
         """Return the cells between values (N + 1,) of the parameter, all knots among them.
 
@@ -329,21 +318,16 @@ class Motion:
         motion in time (`roughness`). Cells stop at the corners of a path, and where a motion in time is at rest.
         """
         piece = self.piece_at((edges[1:] + edges[:-1]) / 2)
-        span, begin = self._spans[piece], self.times[piece]
-        first, last = (edges[:-1] - begin) / span, (edges[1:] - begin) / span
-        rough = [self.roughness(order)[piece] if self.timed else 0.0 for order in (1, 2, 3)]
-        if self.timed:  # velocities at centres are those of the polynomials
+        low, high = derivative_ranges(self.times, self.coefficients, piece, plain(edges))
+        if self.timed:
+            rough = np.array([self.roughness(order)[piece] for order in (1, 2, 3)])
+            # Velocities at centres are those of the polynomials.
             rough[1] = np.maximum(rough[1], rough[0] / (np.diff(edges)[:, None] / 2))
-        boxes = []
-        for order, more in enumerate(rough, start=1):
-            held = self._derivatives[order][piece]
-            points = polynomials.bernstein(polynomials.restricted(held, first, last))
-            error = 16 * (held.shape[1] + 2) * polynomials.EPS * np.abs(held).sum(axis=1) + more
-            boxes.append((points.min(axis=1) - error, points.max(axis=1) + error))
-        swings = np.maximum(np.abs(boxes[2][0]), np.abs(boxes[2][1]))
+            low, high = low - rough, high + rough
+        swings = np.maximum(np.abs(low[2]), np.abs(high[2]))
         # Sums of lengths are rounded: a knot is the edge that is nearest.
         stops = np.searchsorted((edges[1:] + edges[:-1]) / 2, self.times[self.rests])
-        return Cells(edges, Boxes(*boxes[0], *boxes[1]), swings, stops)
+        return Cells(edges, Boxes(low[0], high[0], low[1], high[1]), swings, stops)
 
     @cached_property
     def rests(self) -> IntArray:
@@ -361,7 +345,7 @@ class Motion:
     @property
     def end_rates(self) -> FloatArray:
         """Bounds (2, K, n) of |q′| at the beginning and at the end of each piece."""
-        rates = self._derivatives[1]
+        rates = self.derivative_coefficients(1)
         return np.asarray(np.abs(np.stack([rates[:, 0], rates.sum(axis=1)])) + self.roughness(1))
 
     def roughness(self, order: int) -> FloatArray:
@@ -399,22 +383,6 @@ class Motion:
     def _made(cls, pieces: forms.Pieces, names: Sequence[str] | None, **options: Any) -> Motion:
         times, coefficients, rounding = pieces
         return cls(times, coefficients, names, rounding=rounding, **options)  # type: ignore[arg-type]
-
-    @classmethod
-    def of_highest(
-        cls, begin: tuple[FloatArray, FloatArray, FloatArray], spans: Sequence[float], d3q_ds3: FloatArray
-    ) -> Motion:
-        """Return the path of cubics that begins with q, q′ and q″, (n,) each, and has a constant q‴ in each piece.
-
-        Pieces are as long as `spans: (K,)`, and `d3q_ds3` is (K, n). Nothing jumps but q‴.
-        """
-        q, rate, bend = begin
-        rows = []
-        for span, swing in zip(spans, d3q_ds3, strict=True):
-            row = np.array([q, span * rate, span**2 / 2 * bend, span**3 / 6 * swing])
-            rows.append(row)
-            q, rate, bend = row.sum(axis=0), rate + span * (bend + span * swing / 2), bend + span * swing
-        return cls(np.concatenate([[0.0], np.cumsum(spans)]), np.array(rows), timed=False)
 
     @classmethod
     def hermite(

@@ -167,7 +167,7 @@ class PeopleDistances:
         contact is allowed.
         """
         half = cells.sizes[:, None] / 2 * speeds[:, self.moving]
-        values, joints = plain(self.robot.coupling.values(motion.places(cells.centres).q)), self.robot.kinematics.joints
+        values, joints = plain(self.robot.coupling.values(motion.at(cells.centres))), self.robot.kinematics.joints
         short = short if self.people.contact else -inf
         found = arrivals(joints, self._shapes, self._limbs, values, plain(half), soon, short)
         distances, times, nearest = found

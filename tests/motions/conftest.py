@@ -22,7 +22,7 @@ def shelf_path(shelf, panda):
 @pytest.fixture
 def free(monkeypatch, shelf_motion):
     """Return a motion whose blends all count as proven."""
-    monkeypatch.setattr("safe_ompl.motions.blends.first_unproven", lambda motion, proof: None)
+    monkeypatch.setattr("safe_ompl.motions.blends.is_free", lambda piece, proof: True)
     return shelf_motion
 
 

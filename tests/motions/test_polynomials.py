@@ -51,6 +51,45 @@ def test_motions_of_scipy_are_the_same_functions(seed):
             )
 
 
+@given(st.integers(0, 10**6), st.booleans())
+def test_boxes_of_cells_hold_all_derivatives_and_no_more_than_they_must(seed, timed):
+    rng = np.random.default_rng(seed)
+    for thing in splines(seed)[-1]:
+        motion = Motion.of(thing)
+        motion = Motion(motion.times, motion.coefficients, timed=timed)
+        edges = np.union1d(motion.times, rng.uniform(motion.times[0], motion.times[-1], 200))
+        cells = motion.between(edges)
+        boxes = (*cells.boxes, -cells.swings, cells.swings)
+        s = edges[:-1] + rng.uniform(0.01, 0.99, len(cells)) * cells.sizes
+        for order, (found, low, high) in enumerate(zip(motion.places(s)[1:], boxes[::2], boxes[1::2], strict=True), 1):
+            expected = motion.derivative(s, order)
+            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+            assert (low <= found).all()
+            assert (found <= high).all()
+            if not timed and order < 3:  # jumps between pieces count in time
+                changes = np.abs(motion.derivative(np.clip(s, *edges[[0, -1]]), order + 1)) * cells.sizes[:, None]
+                assert np.median((high - low) - changes) <= 1e-3 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(("first", "last"), [(-0.9, -0.4), (-0.8, 2.1), (0.3, 0.31), (-1.0 + 1e-14, 1.0)])
+def test_parts_and_paths_after_another_are_where_the_whole_is(first, last):
+    t, q, *_ = splines(0)
+    t = np.linspace(-1.0, 2.2, len(t))
+    for degree, thing in ((1, q), (3, interpolate.CubicSpline(t, q))):
+        made = Motion.through(thing, t) if degree == 1 else Motion.of(thing)
+        whole = Motion(made.times, made.coefficients, timed=False, corners=(1, 4, 6))
+        part = whole.part(first, last)
+        s = np.linspace(0.0, last - first, 100)
+        assert part.length == pytest.approx(last - first)
+        np.testing.assert_allclose(part.at(s), whole.at(first + s), atol=1e-12)
+        inside = [float(whole.times[k]) for k in whole.corners if first < whole.times[k] < last]
+        np.testing.assert_allclose(part.times[list(part.corners)] + first, inside)
+        both = part.then(Motion.through([part.knots[-1], q[0]]))
+        assert both.corners == (*part.corners, part.pieces)
+        np.testing.assert_allclose(both.at(s), part.at(s), atol=1e-12)
+        np.testing.assert_allclose(both.at(part.length + 0.5), 0.5 * (part.knots[-1] + q[0]), atol=1e-12)
+
+
 def exact(row):
     return [Fraction(float(value)) for value in row]
 

@@ -152,7 +152,7 @@ class GuardedPath:
         for cap in speed_caps(of_bodies, limits.tool_speed, limits.link_speed):
             speeds = np.minimum(speeds, cap.speeds)
         travel = np.ascontiguousarray(of_bodies[:, bodies.moving] * cells.sizes[:, None] / 2)
-        frames = bodies.frames(curve.places(cells.centres).q, travel)
+        frames = bodies.frames(curve.at(cells.centres), travel)
         smooth = None
         if joints.jerk is not None:
             smooth = SmoothLimits.of(cells, joints, speeds, averaging_window(joints), stops=True, share=BENDS)
@@ -330,7 +330,7 @@ class GuardedPath:
         new = np.unique(at[np.isnan(most[at, 0, 0])]) if most.size else at[:0]
         if len(new):
             sizes = self.edges[new + 1] - self.edges[new]
-            Q = self.curve.places(self.edges[new] + 0.5 * sizes).q
+            Q = self.curve.at(self.edges[new] + 0.5 * sizes)
             bodies = 2 * self.frames.travel[new] / sizes[:, None]
             most[new], free[new] = np.square(contact.speeds(Q, sizes, self.slopes[new], bodies))
         return most, free
