@@ -61,11 +61,9 @@ if TYPE_CHECKING:
     from safe_ompl.people.replanning import Replanner as Replanner, Shield as Shield
     from safe_ompl.planning import (
         PlanResult as PlanResult,
-        ProgramResult as ProgramResult,
         SafeSetup as SafeSetup,
         Tradeoff as Tradeoff,
         plan as plan,
-        plan_program as plan_program,
         planner_data as planner_data,
         repair as repair,
         tradeoff as tradeoff,
@@ -90,8 +88,11 @@ if TYPE_CHECKING:
     from safe_ompl.scene import People as People, Program as Program, Scenario as Scenario, Scene as Scene
     from safe_ompl.tasks import (
         Corridor as Corridor,
+        ProgramResult as ProgramResult,
         ToolMotion as ToolMotion,
         ToolPath as ToolPath,
+        plan_program as plan_program,
+        plan_tool as plan_tool,
         tool_motion as tool_motion,
     )
     from safe_ompl.view import view as view

@@ -14,10 +14,11 @@ from safe_ompl.io.motions import JointPath, TimedMotion
 from safe_ompl.io.problems import Problem, built_scene, carried_scene
 from safe_ompl.io.schema import kind_of, marked, strict_json
 from safe_ompl.motions import Motion, Trajectory
-from safe_ompl.planning import Improvement, PlanResult, ProgramResult
+from safe_ompl.planning import Improvement, PlanResult
 from safe_ompl.planning.simplification import ClearanceReport, DangerReport, PathReport
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
+from safe_ompl.tasks import ProgramResult
 
 
 def result_to_mapping(result: PlanResult, meshes: bool | None = None) -> dict[str, Any]:

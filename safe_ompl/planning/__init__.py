@@ -8,12 +8,6 @@ if TYPE_CHECKING:
     from safe_ompl.planning.front import Tradeoff as Tradeoff, tradeoff as tradeoff
     from safe_ompl.planning.planners import planner_data as planner_data
     from safe_ompl.planning.problem_setup import PLAN_JOBS as PLAN_JOBS, small_robot as small_robot
-    from safe_ompl.planning.program_result import ProgramResult as ProgramResult, Stretch as Stretch
-    from safe_ompl.planning.programs import (
-        PROGRAM_TIME as PROGRAM_TIME,
-        plan_program as plan_program,
-        program_robot as program_robot,
-    )
     from safe_ompl.planning.result import Improvement as Improvement, PlanResult as PlanResult
     from safe_ompl.planning.safe_setup import (
         SafeSetup as SafeSetup,

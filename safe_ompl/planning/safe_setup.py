@@ -17,7 +17,6 @@ from ompl import base as ob
 import safe_ompl.motions as motions
 import safe_ompl.planning.simplification as simplification
 import safe_ompl.scene as scenes
-import safe_ompl.tasks as tasks
 from safe_ompl.common import (
     FloatArray,
     InputError,
@@ -240,20 +239,6 @@ class SafeSetup(ProblemSetup):
         """Return a motion with as little changed as a proof needs; see `safe_ompl.repair`."""
         limit = number("time limit", time, above=0.0, kind="number of seconds")
         return motions.repair_with(motion, self.motion_prover, limits, connecting(self, limit), people)
-
-    def planTool(
-        self,
-        path: Any,
-        corridor: tasks.Corridor | None = None,
-        *,
-        start: ArrayLike | None = None,
-        speed: float | None = None,
-        limits: motions.RateLimits | None = None,
-        seed: int = 0,
-    ) -> tasks.ToolMotion:
-        """Plan a motion of the tool along a curve under the constraints set now; see `safe_ompl.tool_motion`."""
-        planner = tasks.ToolPlanner(self.motion_prover, self.field, seed=seed)
-        return planner.plan(path, corridor, start=start, speed=speed, limits=limits)
 
     # ----------------------------------------------------------------------------------------- simplification
 

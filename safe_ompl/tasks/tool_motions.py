@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,9 @@ from safe_ompl.tasks.corridor import Corridor, CorridorProof, prove_corridor
 from safe_ompl.tasks.ladder import PRECISION, Costs, Ladder
 from safe_ompl.tasks.tip import Tip
 from safe_ompl.tasks.tool_path import Frames, ToolPath
+
+if TYPE_CHECKING:
+    from safe_ompl.planning import SafeSetup
 
 _STEP, _TURN = 0.03, 0.15  # [m] and [rad] between rungs at most
 _FEWEST = 6  # rungs
@@ -146,6 +149,24 @@ def tool_motion(
     checker = CollisionChecker(robot, scene)
     field = DangerField.of_scene(robot, scene) if any(obstacle.weight > 0 for obstacle in scene) else None
     return ToolPlanner(MotionProver(checker), field).plan(path, corridor, start=start, speed=speed, limits=limits)
+
+
+def plan_tool(
+    setup: SafeSetup,
+    path: Any,
+    corridor: Corridor | None = None,
+    *,
+    start: ArrayLike | None = None,
+    speed: float | None = None,
+    limits: RateLimits | None = None,
+    seed: int = 0,
+) -> ToolMotion:
+    """Plan a motion of the tool along a curve under the constraints that a setup has now; else as `tool_motion`.
+
+    The same seed gives the same motion.
+    """
+    planner = ToolPlanner(setup.motion_prover, setup.field, seed=seed)
+    return planner.plan(path, corridor, start=start, speed=speed, limits=limits)
 
 
 class ToolPlanner:

@@ -17,10 +17,11 @@ from safe_ompl.danger import DangerField
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
 from safe_ompl.io import TimedMotion, built_robot, built_scene, read_ticks
 from safe_ompl.motions import Motion, MotionCheck
-from safe_ompl.planning import PlanResult, ProgramResult, program_robot
+from safe_ompl.planning import PlanResult
 from safe_ompl.planning.simplification import Curve
 from safe_ompl.robot import Robot
 from safe_ompl.scene import CORE, Scene
+from safe_ompl.tasks import ProgramResult, program_robot
 
 CERTIFIED = "certified path"
 _SAMPLES = 200  # of a motion of polynomials

@@ -18,10 +18,11 @@ from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, files
 from safe_ompl.geometry import Person
 from safe_ompl.motions import MotionCheck, Repair, Trajectory
-from safe_ompl.planning import PlanResult, ProgramResult
+from safe_ompl.planning import PlanResult
 from safe_ompl.planning.simplification import PROFILE_POINTS, Curve, PathReport
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
+from safe_ompl.tasks import ProgramResult
 from safe_ompl.view.content import ViewerContent
 from safe_ompl.view.drawn_scene import Camera, DrawnScene, best_view, resampled
 from safe_ompl.view.page import plot_kind

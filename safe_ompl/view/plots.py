@@ -19,8 +19,9 @@ from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError
 from safe_ompl.io import ACCELERATION
 from safe_ompl.motions import MotionCheck, MotionDanger, Trajectory
-from safe_ompl.planning import ProgramResult, Tradeoff
+from safe_ompl.planning import Tradeoff
 from safe_ompl.planning.simplification import forced_danger
+from safe_ompl.tasks import ProgramResult
 from safe_ompl.view.page import ALARM, ALONG, DANGER, DPI, GREY, add_legend_above, curve, draw_limit, page, set_title
 from safe_ompl.view.style import Colour, cap_colours, planner_styles, shades
 

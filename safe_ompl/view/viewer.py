@@ -15,9 +15,10 @@ import numpy as np
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, files
 from safe_ompl.io import TimedMotion
 from safe_ompl.motions import Trajectory
-from safe_ompl.planning import PlanResult, ProgramResult
+from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
+from safe_ompl.tasks import ProgramResult
 from safe_ompl.view.content import ViewerContent
 from safe_ompl.view.drawn_scene import DrawnScene, best_view
 from safe_ompl.view.path_view import BOARD_SHAPE, PathView

@@ -11,10 +11,10 @@ from safe_ompl import Box, Capsule, CertificateError, InputError, Obstacle, Plan
 from safe_ompl.certificates import program_certificate, terms_of, verify_program
 from safe_ompl.certificates.verifier.program import _without_contact
 from safe_ompl.io import built_robot
-from safe_ompl.planning import program_robot
 from safe_ompl.robot import robot_hash
 from safe_ompl.scene import MotionLimits
 from safe_ompl.scene.constraints import PathLimits
+from safe_ompl.tasks import program_robot
 
 TEXT = """
 name: lift

@@ -127,7 +127,7 @@ def test_the_next_place_is_gone_to(name):
 
 
 def test_the_same_query_goes_on_and_its_solution_stays():
-    setup, start = begun("SafeRRTConnect")
+    setup, _start = begun("SafeRRTConnect")
     before = {q.tobytes() for q in setup.getPlanner().plannerGraph().configurations}
     assert setup.haveSolutionPath()
     solved(setup, "SafeRRTConnect")
@@ -181,7 +181,7 @@ def test_another_scene_objective_or_space_forgets_solution_and_trees(name, chang
 
 @pytest.mark.parametrize("name", ["SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect", "RRTstar"])
 def test_a_planner_that_was_set_aside_comes_back_without_what_it_had_built(name):
-    setup, start = begun(name)
+    setup, _start = begun(name)
     aside, path = setup.getPlanner(), setup.solution()
     setup.setPlanner(SafeRRTConnect(setup.getSpaceInformation()))
     middle = setup.robot.tip_pose(path[len(path) // 2]).translation

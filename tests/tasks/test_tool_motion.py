@@ -8,7 +8,7 @@ import pytest
 
 import safe_ompl
 from safe_ompl import Box, InputError, Motion, Obstacle, Pose, Robot, Scenario, Scene, inverse_kinematics
-from safe_ompl.tasks import Corridor, ToolPath, prove_corridor, tool_motion
+from safe_ompl.tasks import Corridor, ToolPath, plan_tool, prove_corridor, tool_motion
 from safe_ompl.tasks.tip import Tip
 from safe_ompl.tasks.tool_path import Frames
 
@@ -250,9 +250,9 @@ def test_a_limit_of_danger_is_named_with_its_place_on_the_curve():
     scene = Scene.from_yaml("obstacles: [{name: ann, person: {height: 1.75}, position: [0.9, 0.0, -0.75], yaw: 3.14}]")
     setup = safe_ompl.SafeSetup(Robot.from_example("ur5"), scene)
     path = ToolPath.line(at(0.4, -0.2, 0.4), at(0.4, 0.2, 0.4))
-    free = setup.planTool(path)
+    free = plan_tool(setup, path)
     setup.setMaxDanger(0.9 * free.danger_max)
-    found = setup.planTool(path)
+    found = plan_tool(setup, path)
     assert not found
     named = re.fullmatch(r"danger at ([\d.]+) mm, [\d.]+ \(limit [\d.]+\)", found.why)
     assert named, found.why

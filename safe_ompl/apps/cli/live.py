@@ -35,9 +35,10 @@ from safe_ompl.people.simulation import (
     Walker,
     part_solids,
 )
-from safe_ompl.planning import PROGRAM_TIME, ProgramResult, SafeSetup, plan_program, program_robot, setup_scenario
+from safe_ompl.planning import SafeSetup, setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Move, People, Scenario, Scene
+from safe_ompl.tasks import PROGRAM_TIME, ProgramResult, plan_program, program_robot
 from safe_ompl.view import read_recording, save_page
 
 _log = logging.getLogger(__name__)

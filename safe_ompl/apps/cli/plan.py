@@ -21,10 +21,11 @@ from safe_ompl.common import InputError, files
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.io import WRITABLE, TimedMotion, marked, motion_content, motion_of_document, result_to_mapping
 from safe_ompl.motions import RATE, Motion, RateLimits, Trajectory
-from safe_ompl.planning import PROGRAM_TIME, PlanResult, SafeSetup, plan_program, program_robot, setup_scenario
+from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
+from safe_ompl.tasks import PROGRAM_TIME, plan_program, program_robot
 from safe_ompl.view import draw_plan, draw_program, plots
 
 _SLOWER = (1.0, 1.005, 1.02, 1.05, 1.15)  # times as long: tried where stops between exported points are too late

@@ -32,9 +32,10 @@ from safe_ompl.motions import RateLimits
 from safe_ompl.people import Surroundings, TrackedBody, Tracker, find_skeleton
 from safe_ompl.people.replanning import Legs, PathLimits, Replanner, ReplanningOptions, Shield
 from safe_ompl.people.simulation import ALL_KEYPOINTS
-from safe_ompl.planning import PROGRAM_TIME, plan_program, program_robot, setup_scenario
+from safe_ompl.planning import setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Goal, MotionLimits, People, Scenario, Scene
+from safe_ompl.tasks import PROGRAM_TIME, plan_program, program_robot
 
 _NOBODY, _SOMEBODY = "none", "somebody"
 _REHEARSED = 12  # ticks

@@ -24,8 +24,9 @@ from safe_ompl.collision import TipBounds, ToolOrientation
 from safe_ompl.common import CertificateError, InputError, documents as document, files
 from safe_ompl.io import schema
 from safe_ompl.motions import Trajectory
-from safe_ompl.planning import PlanResult, SafeSetup, program_robot
+from safe_ompl.planning import PlanResult, SafeSetup
 from safe_ompl.scene import Scenario
+from safe_ompl.tasks import program_robot
 
 REFUSED = 1
 _MOST_BYTES = 1_000_000_000  # of a certificate

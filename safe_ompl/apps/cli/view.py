@@ -13,8 +13,9 @@ from safe_ompl.apps.cli.arguments import option
 from safe_ompl.certificates import PROGRAM_FORMAT
 from safe_ompl.common import InputError, files
 from safe_ompl.io import TimedMotion, built_robot, load, read_ticks, schema
-from safe_ompl.planning import PROGRAM_TIME, PlanResult, plan_program, setup_scenario
+from safe_ompl.planning import PlanResult, setup_scenario
 from safe_ompl.scene import Scenario
+from safe_ompl.tasks import PROGRAM_TIME, plan_program
 from safe_ompl.view import (
     ANIMATION_ENDINGS,
     RECORDING_ENDING,

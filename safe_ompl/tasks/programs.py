@@ -34,11 +34,14 @@ from safe_ompl.common import (
 )
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion, PathTimer, Trajectory
-from safe_ompl.planning.program_result import ProgramResult, Stretch
-from safe_ompl.planning.workcell import Driven, ImpossibleError, State, Workcell, named
 from safe_ompl.robot import Attachment, Robot
 from safe_ompl.scene import Attach, Detach, Goal, Gripper, Line, Move, Scenario, Seam, Wait, configuration_for
-from safe_ompl.tasks import Corridor, ToolPath, configurations_at
+from safe_ompl.tasks.corridor import Corridor
+from safe_ompl.tasks.program_result import ProgramResult, Stretch
+from safe_ompl.tasks.tip import configurations_at
+from safe_ompl.tasks.tool_motions import plan_tool
+from safe_ompl.tasks.tool_path import ToolPath
+from safe_ompl.tasks.workcell import Driven, ImpossibleError, State, Workcell, named
 
 PROGRAM_TIME = 20.0  # [s]
 _STEP_DONE = 2.0  # [s] that a planned step counts less
@@ -260,7 +263,7 @@ class _ProgramPlanner:
         corridor = Corridor(step.within, step.angle, step.free_axis)
         path = ToolPath.of(poses)
         limits = self._cell.limits_of(arm)
-        found = setup.planTool(path, corridor, start=q, speed=step.speed, limits=limits, seed=self._seed)
+        found = plan_tool(setup, path, corridor, start=q, speed=step.speed, limits=limits, seed=self._seed)
         if found.motion is None:
             raise ImpossibleError(f"{100 * found.fraction:.0f} % of it can be followed; {found.why}")
         assert found.along is not None

@@ -10,8 +10,8 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import InputError, Pose, plan_program
-from safe_ompl.planning import program_robot
 from safe_ompl.scene import Attach, Detach, Gripper, Scenario, list_scenarios
+from safe_ompl.tasks import program_robot
 
 PATIENCE = 300.0  # [s], for a machine that does much else
 DOWN = {"rpy": [np.pi, 0.0, 0.0]}

@@ -13,7 +13,7 @@ import pinocchio as pin
 from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import CollisionError, FloatArray, InputError, UnknownNameError, documents as document
 from safe_ompl.motions import Motion, MotionCheck, RateLimits, tube_of
-from safe_ompl.planning.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.planning import SafeSetup, setup_scenario
 from safe_ompl.robot import Attachment, Robot
 from safe_ompl.scene import Attach, Detach, Goal, Gripper, Scenario, Scene
 
