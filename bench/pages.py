@@ -315,8 +315,8 @@ FLOORS = (
     ("programs", "apps/cli · apps/benchmark · view", "commands, benchmarks, the browser, pictures and plots"),
     (
         "files and people",
-        "io · certificates · people/replanning · people/simulation",
-        "what leaves the package, and what is driven beside people",
+        "tasks · io · certificates · people/replanning · people/simulation",
+        "tool motions, programs; what leaves the package, and what is driven beside people",
     ),
     (
         "planning",
@@ -325,7 +325,7 @@ FLOORS = (
     ),
     ("motion", "motions · people", "proofs of motions, repair, time laws with stops; where people may soon be"),
     ("queries, proofs", "collision · danger", "collision and distance on coal, certified motions, the danger field"),
-    ("models", "robot · scene", "on Pinocchio; they never change; no OMPL"),
+    ("models", "robot · scene", "on Pinocchio; they never change"),
     ("base", "common · geometry", "checks, errors, compiled kernels; shapes and convex distances"),
 )
 

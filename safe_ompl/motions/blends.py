@@ -20,7 +20,8 @@ _STRAIGHT = 1e-9  # [1/rad]
 _SMALLER = (1.0, 0.5, 0.25, 0.1, 0.03)
 # Share of the jerk that q‴ṡ³ may take; the rest is left for accelerating along the curve.
 BENDS = 0.9
-_SAME = 1e-12  # [rad] way points nearer than this are one
+# Way points that are nearer are one.
+_SAME = 1e-12  # [rad]
 # On lines between blends that are shorter than this, rounding would be a steep jump.
 _SHORT = 1e-5  # [rad]
 
@@ -44,7 +45,8 @@ def blended(
     units = steps / lengths[:, None]
     proof = motion if tolerance else None
     still, spans, pieces, corners = np.zeros(robot.n), list[float](), list[FloatArray](), list[int]()
-    begun = 0.0  # of the edge, used by the blend before
+    # How much of an edge the blend before uses.
+    begun = 0.0
     for k, (unit, length) in enumerate(zip(units, lengths.tolist(), strict=True)):
         blend, parts = list[FloatArray](), list[float]()
         last = k == len(units) - 1

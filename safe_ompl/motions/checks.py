@@ -35,8 +35,10 @@ from safe_ompl.motions.tube import tube_of
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
 
-_TOGETHER = 8  # motions that a process checks in one go
-TIME = 60.0  # [s] that a check may take by default
+# A process checks so many motions in one go.
+_TOGETHER = 8
+# A check may take so long by default.
+TIME = 60.0  # [s]
 
 
 class MotionCheck(NamedTuple):
@@ -128,7 +130,8 @@ def check(
     return check_with(motion, _proof(robot, scene, constraints, tube), limits, people)
 
 
-_Told = tuple[Motion, tuple[str, ...], tuple[Violation, ...], RateLimits | None]  # of a check; sent in little time
+# What processes send of a check: little, so that it takes little time.
+_Told = tuple[Motion, tuple[str, ...], tuple[Violation, ...], RateLimits | None]
 
 
 def check_many(
@@ -201,7 +204,8 @@ def check_with(
     for piece in piece_proofs(motion, replace(proof, stop=lambda: clock() > end)):
         verdict = piece.verdict()
         joint, what = verdict.pair or ("", "")
-        known = what == "its limits" and joint in outside  # pairs and radii hold within the limits only
+        # Pairs and radii hold within the limits only: beyond them nothing else is known.
+        known = what == "its limits" and joint in outside
         if verdict.verdict is not Verdict.FREE and not known:
             stretches += piece.unproven()
     limits = limits if motion.rated else None
@@ -249,7 +253,8 @@ def widest_tube(
         raise InputError(f"tolerance must be between 0 and 1, got {tolerance!r}")
     motion = Motion.of(motion, space=robot).for_robot(robot)
     proof = _proof(robot, scene, constraints)
-    order = list(range(motion.pieces))  # the pieces that failed last come first
+    # The pieces that failed last come first.
+    order = list(range(motion.pieces))
 
     def proven(width: float) -> bool:
         tube = tuple((width * shape).tolist())

@@ -22,8 +22,10 @@ from safe_ompl.common import (
 )
 from safe_ompl.robot import Robot
 
-_LEAST = 1e-9  # [s] between times; of less, powers have no digits
-_DEGREE = 15  # powers lose a factor of 3 in precision per degree: 1e7 at 15
+# Times must be farther apart: powers of less have no digits.
+_LEAST = 1e-9  # [s]
+# Powers lose a factor of 3 in precision per degree, which is 1e7 at this one.
+_DEGREE = 15
 
 Pieces: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 """Times (K + 1,), coefficients c_0 … c_d (K, d + 1, n), and a bound (K, n) of the sum of their errors."""
@@ -82,7 +84,8 @@ def powers_from_left(thing: Any) -> Pieces:
     pieces = np.swapaxes(vectors(thing, 3), 0, 1)
     pieces = finite_array(pieces, (None, None, None), "coefficients")
     times = _increasing(thing.x, len(pieces) + 1)
-    unused = np.cumsum(np.abs(pieces[:, :-1]).sum(axis=(0, 2))) == 0  # powers that no piece has
+    # The highest powers that no piece has are left out.
+    unused = np.cumsum(np.abs(pieces[:, :-1]).sum(axis=(0, 2))) == 0
     rising = of_degree(pieces[:, int(unused.sum()) :][:, ::-1])
     orders = np.arange(float(rising.shape[1]))
     coefficients = rising * (np.diff(times)[:, None] ** orders)[..., None]

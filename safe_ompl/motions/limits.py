@@ -21,8 +21,10 @@ RATE_TOLERANCE = (1e-6, 1e-6, 1e-6, 1e-3)
 
 Rates may be so much above their limits, and what must be continuous may jump so far. No faster than this is at rest.
 """
-_RISE = 0.25  # [s] in which a joint reaches its velocity, where no acceleration limit is known
-_UNLIMITED = 1e3  # [rad/s or m/s] from here on a URDF's velocity stands for none
+# Where no limit of the acceleration is known a joint reaches its velocity in this time.
+_RISE = 0.25  # [s]
+# From here on a velocity in a URDF stands for none.
+_UNLIMITED = 1e3  # [rad/s or m/s]
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,10 @@ from safe_ompl.motions.kernels import Boxes, derivative_ranges, derivatives
 from safe_ompl.motions.limits import RATE_TOLERANCE
 from safe_ompl.robot import Robot, plain
 
-_ROUGH = 1e-9  # [rad or m] far below what proofs keep more than they must
-_TURNS = 4 * np.pi  # [rad] beyond which a joint that has limits is probably given in degrees
+# Rounding of places is allowed for where it is larger than this, which is far below what proofs keep in any case.
+_ROUGH = 1e-9  # [rad or m]
+# A joint with limits that moves beyond this is probably given in degrees.
+_TURNS = 4 * np.pi  # [rad]
 # Stretches that are cut off a motion, and are shorter than this, are rounding.
 _NOTHING = 1e-12  # [s, or rad]
 

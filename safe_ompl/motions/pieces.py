@@ -15,8 +15,10 @@ from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.rates import Violation
 
 _OUT_OF_TIME = "out of time"
-_FINEST = 2.0**-7  # of a piece: the shortest stretch that is reported as not proven
-_TOUCHING = 1e-6  # [m] A smaller required distance allows for rounding, and is not called a clearance.
+# The shortest stretch that is reported as not proven, as a share of a piece.
+_FINEST = 2.0**-7
+# A smaller required distance allows for rounding, and is not called a clearance.
+_TOUCHING = 1e-6  # [m]
 
 
 class PieceProof(NamedTuple):
@@ -72,7 +74,8 @@ class PieceProof(NamedTuple):
 def piece_proofs(motion: Motion, proof: MotionProver) -> Iterator[PieceProof]:
     """Yield the proofs of the pieces of a motion, its joints in the order of the robot's."""
     separation, allowance = proof.separation, motion.allowance
-    if motion.slack is None:  # rounding alone: the same for all pieces
+    if motion.slack is None:
+        # All pieces get the same allowance for rounding, so that they share a proof.
         allowance = np.broadcast_to(allowance.max(axis=0), allowance.shape)
     within: dict[bytes, MotionProver] = {}
     for k, row in enumerate(np.array(separation.tube or np.zeros(motion.n)) + allowance):
@@ -97,7 +100,8 @@ def _values(
                 return limit.name, (), limit.excess(q), 0.0
             return name, (), None, None
     checker, required = proof.checker, proof.required
-    distances = checker.pair_distances(q)  # of the pairs that may touch, the first of those required
+    # These are the pairs that may touch, which are the first of those required.
+    distances = checker.pair_distances(q)
     if not len(distances):
         return "collision", (), None, None
     least = required.least[: len(distances)]

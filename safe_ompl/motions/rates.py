@@ -23,7 +23,8 @@ from safe_ompl.scene import People
 _KINDS = ("position", "velocity", "acceleration", "jerk")
 _UNITS = ("", "/s", "/s²", "/s³")
 DISTANCES = ("collision", "clearance", "separation")
-_WITHIN = 1e-9  # [rad or m] by which a position may be outside its limits, as for `Robot.within_limits`
+# A position may be outside of its limits by this, as for `Robot.within_limits`.
+_WITHIN = 1e-9  # [rad or m]
 
 
 class Extremes(NamedTuple):
@@ -171,7 +172,8 @@ def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, peo
         )
     checker = proof.checker
     people = within_tube(MotionCaps(people), proof).people or people
-    off = motion.allowance.sum(axis=0)  # of jumps, too: distances are kept from one piece to the next
+    # Jumps count, too: distances are kept from one piece to the next.
+    off = motion.allowance.sum(axis=0)
     nearer = float((checker.robot.bounds.displacement_radii @ off).max(initial=0.0))
     distances = PeopleDistances(checker.robot, checker.scene, replace(people, clearance=people.clearance + nearer))
     last = motion.end_rates[1, -1]

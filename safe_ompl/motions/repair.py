@@ -32,41 +32,57 @@ Connect = Callable[[FloatArray, FloatArray], "FloatArray | None"]
 # Spans [rad or m] into which pieces that are not proven, and those beside them, are divided, and how many displacements
 # are attempted. Short spans come first: they change less of the motion, but cannot move it as far.
 _SPANS = ((0.06, 6), (0.2, 16))
-_PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)  # fractions of a piece not proven, at which distances are looked at
-_SPARE = (5e-4, 1e-3, 2e-3, 4e-3)  # [m] What distances should exceed the required ones by, in turn,
-_ATTEMPTS = 4  # and how many attempts are made with each
+# Distances are looked at where a piece that is not proven is at these fractions.
+_PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)
+# Distances should exceed the required ones by these lengths, in turn; so many attempts are made with each.
+_SPARE = (5e-4, 1e-3, 2e-3, 4e-3)  # [m]
+_ATTEMPTS = 4
 # Share of the moves found before that is kept: none in the first attempts, then more with each, so that attempts do not
 # alternate between two motions.
 _KEPT, _MOST_KEPT = 0.25, 0.9
-_LIMIT = 1e-4  # [rad or m] that joints should keep from their limits
-_SMOOTH = 1e-6  # relative: derivatives that differ by less at a knot are equal
-_SAME = 1e-6  # [rad or m] A planner's path must end no farther from where it should.
-_NOTHING = 1e-12  # [rad or m] Moves below this are rounding.
-_ROUNDS = 100  # of the search for the constraints that bind
-_ENOUGH = 1e-5  # [m or rad] by which a constraint may be violated
-_SOFT = 1e-4  # relative: regularisation, for constraints that contradict each other
-_BAND = 0.01  # [m] Distances that exceed what they should be by less are constraints, too.
-_FARTHEST = 0.03  # [m] by which a distance is to grow in one attempt at most: gradients hold near by only
+# Joints should keep so much from their limits.
+_LIMIT = 1e-4  # [rad or m]
+# Derivatives that differ by less at a knot, relative to their size, are equal.
+_SMOOTH = 1e-6
+# A planner's path must end no farther from where it should.
+_SAME = 1e-6  # [rad or m]
+# Moves below this are rounding.
+_NOTHING = 1e-12  # [rad or m]
+# The search for the constraints that bind takes at most so many rounds, and may violate one by so much.
+_ROUNDS = 100
+_ENOUGH = 1e-5  # [m or rad]
+# Relative regularisation, for constraints that contradict each other.
+_SOFT = 1e-4
+# Distances that exceed what they should be by less are constraints, too.
+_BAND = 0.01  # [m]
+# A distance is to grow by at most this in one attempt: gradients hold near by only.
+_FARTHEST = 0.03  # [m]
 # Kinds that time lowers, rates by its power; and factors of time: the largest, that of a trial, and of a search.
 _SLOWER = {"velocity": 1, "acceleration": 2, "jerk": 3, "separation": 0}
 _SLOWEST, _SLOW_STEP, _SLOW_ENOUGH = 20.0, 1.3, 1.02
-_STEP = 0.3  # [rad or m] by which any B-spline moves a joint in one attempt at most
+# No B-spline moves a joint by more in one attempt.
+_STEP = 0.3  # [rad or m]
 
 
 @dataclass(frozen=True)
 class Repair:
     """A repaired motion; true if it is proven."""
 
-    motion: Motion  # The one given where nothing had to change, or nothing near it can be proven
+    # The motion that was given where nothing had to change, or nothing near it can be proven.
+    motion: Motion
     check: MotionCheck  # What is proven of it
     # "unchanged"; "moved", by as little as possible; "planned": it follows a planner's way round somewhere; "slowed",
     # or one of these before; or why nothing near could be proven
     how: str
-    deviation: float = 0.0  # How far any joint is from where it was at most, at the places looked at [rad or m]
-    tool_deviation: float = 0.0  # The same of the tip [mm]
-    at: float = 0.0  # When joints are farthest, before it is slowed [s]
-    changed: tuple[tuple[float, float], ...] = ()  # The stretches that differ [s]
-    slower: float = 1.0  # How many times as long it takes; all else is what it would be at its own pace
+    # How far any joint is from where it was at most, at the places looked at [rad or m]; the same of the tip [mm].
+    deviation: float = 0.0
+    tool_deviation: float = 0.0
+    # When joints are farthest, before the motion is slowed [s].
+    at: float = 0.0
+    # The stretches that differ [s].
+    changed: tuple[tuple[float, float], ...] = ()
+    # How many times as long it takes; all else is what it would be at its own pace.
+    slower: float = 1.0
 
     @property
     def path(self) -> FloatArray:
@@ -209,7 +225,8 @@ class Displacement:
         """Return a motion near the one given that is proven, or None."""
         basis = _basis(motion)
         moves = np.zeros((basis.shape[2], motion.n))
-        places: dict[tuple[int, float], None] = {}  # where something was too near, in the order found
+        # Where something was too near, in the order in which it was found.
+        places: dict[tuple[int, float], None] = {}
         moved, waiting = motion, set(range(motion.pieces))
         for attempt, spare in enumerate(np.repeat(_SPARE, _ATTEMPTS).tolist()[:attempts]):
             pieces = list(piece_proofs(moved, self._proof))
@@ -232,7 +249,8 @@ class Displacement:
             undone = np.einsum("mi,mj,ji->m", slopes, rows, moves - kept_moves)
             wanted = np.minimum(missing, _FARTHEST) + undone
             if not len(rows):
-                continue  # distances suffice at all places looked at, but not for a proof: ask for more
+                # Distances suffice at all places looked at, but not for a proof: the next attempt asks for more.
+                continue
             step = kept_moves + _least_moves(rows, slopes, wanted) - moves
             moves = moves + step * min(1.0, _STEP / max(float(np.abs(step).max()), _NOTHING))
             before, moved = moved, _moved(motion, basis, moves)
@@ -318,7 +336,8 @@ def _basis(motion: Motion) -> FloatArray:
     first, last = motion.times[[0, -1]]
     knots = np.concatenate([np.full(degree + 1, first), inner, np.full(degree + 1, last)])
     number = len(knots) - degree - 1
-    kept = min(degree, 3 if motion.timed else 1)  # derivatives at the ends, positions among them
+    # So many derivatives are kept at the ends, positions among them.
+    kept = min(degree, 3 if motion.timed else 1)
     _, coefficients, _ = polynomials.spline(knots, np.eye(number), degree)
     return coefficients[:, :, kept : number - kept]
 
@@ -346,7 +365,8 @@ def _following(motion: Motion, path: FloatArray, first: int, last: int) -> Motio
     travelled = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
     if not travelled[-1] > 0.0:
         return None
-    at = begin + (end - begin) * travelled / travelled[-1]  # when it is at the path's way points
+    # When the motion is at the way points of the path.
+    at = begin + (end - begin) * travelled / travelled[-1]
     cuts = {}
     for k in range(first, last):
         low, high = motion.times[k], motion.times[k + 1]

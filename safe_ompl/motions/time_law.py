@@ -21,12 +21,18 @@ from safe_ompl.motions.limits import RateLimits
 from safe_ompl.robot import plain
 
 _HALVINGS = 36
-_SHORTER, _WINDOWS = 0.75, 40  # windows that are tried: each the shorter by this; at most so many
-_LONGEST = 8.0  # the first of them, in times from no acceleration to all of it
-_SHORTEST = 1e-4  # [s] of averages that rounding does not touch
-_BENDS_BESIDE_PEOPLE = 0.1  # what `BENDS` is beside people
-BRAKING = 2 / 3  # share of the range of σ̈ that is for stops beside people
-_TIGHTER, _WIDER = 1 - 1e-9, 1 + 1e-9  # of limits, and of reach: what rounding takes
+# Of the windows that are tried each is shorter than the one before by this factor; there are at most so many. The first
+# one is so many times as long as the jerk needs from no acceleration to all of it.
+_SHORTER, _WINDOWS = 0.75, 40
+_LONGEST = 8.0
+# Rounding does not touch averages over windows that are at least so long.
+_SHORTEST = 1e-4  # [s]
+# The share `BENDS` is less beside people, whose stops need the jerk.
+_BENDS_BESIDE_PEOPLE = 0.1
+# Share of the range of σ̈ that is for stops beside people.
+BRAKING = 2 / 3
+# Limits are tightened, and reach is widened, by what rounding takes.
+_TIGHTER, _WIDER = 1 - 1e-9, 1 + 1e-9
 
 
 @dataclass(frozen=True)
@@ -111,7 +117,8 @@ def fastest_law(cells: Cells, acceleration: FloatArray, cap: FloatArray, push: F
     The cap is no larger than velocities of the joints allow. |s̈| keeps to `push: (N,)` in each cell, if it is given.
     """
     boxes = cells.boxes
-    if push is not None:  # one joint more, whose q′ is 1/push and whose limit is 1
+    if push is not None:
+        # The bound of s̈ is that of one joint more, whose q′ is 1/push and whose limit is 1.
         more = 1 / push[:, None]
         boxes = Boxes(*(np.column_stack([box, k * more]) for box, k in zip(boxes, (1, 1, 0, 0), strict=True)))
         acceleration = np.append(acceleration, 1.0) * _TIGHTER
@@ -298,7 +305,8 @@ class SmoothLimits:
     def cone(self, caps: FloatArray) -> FloatArray:
         """Return what σ̇ keeps to (N, …) in each cell, so that ṡ keeps to `caps: (N, …)`."""
         width, cells = self.window / 2, self.cells
-        reach = np.full(len(cells), width * caps.max() * (1 + 1e-9))  # what is farther away has no effect
+        # What is farther away has no effect.
+        reach = np.full(len(cells), width * caps.max() * (1 + 1e-9))
         return spread(cells.edges, reach, cells.stops, caps.reshape(len(cells), -1), width).reshape(caps.shape)
 
     def plan(self, limits: RateLimits, caps: FloatArray) -> FloatArray:

@@ -27,13 +27,19 @@ from safe_ompl.motions.time_law import SmoothLaw, TimeLaw
 from safe_ompl.scene import People
 
 RATE = 100.0  # [Hz]
-_INSTANT = 1e-9  # [s] Knots no farther apart are one.
-_BINDS = 1e-6  # relative: how near to its bound the speed must come for a cap to count as reached
-_SLOWER = 1e-3  # relative excess that slower driving takes care of, so that there are fewer points
+# Knots that are no farther apart are one.
+_INSTANT = 1e-9  # [s]
+# A cap counts as reached where the speed comes so near to its bound, relative to that.
+_BINDS = 1e-6
+# Points are added where limits are exceeded by more than this share; slower driving takes care of less.
+_SLOWER = 1e-3
 _NEAREST = 1e-4  # [s] of two points
-_WHOLE = 0.2  # of an interval: how long the first and the last are at least
-_TICK = 1e-9  # [s] messages have whole nanoseconds
-_ROUNDS = 20  # of driving slower; two in most cases
+# The first and the last interval between points are at least so long, as a share of the others.
+_WHOLE = 0.2
+# Messages have whole nanoseconds.
+_TICK = 1e-9  # [s]
+# Driving is slowed at most so often; twice is enough in most cases.
+_ROUNDS = 20
 
 
 class State(NamedTuple):
