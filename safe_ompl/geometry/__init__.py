@@ -8,7 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.geometry import surfaces as surfaces
-    from safe_ompl.geometry.cells import Cells as Cells
+    from safe_ompl.geometry.cells import Voxels as Voxels
     from safe_ompl.geometry.cloud import PointCloud as PointCloud
     from safe_ompl.geometry.hulls import (
         DISTANCE_ERROR as DISTANCE_ERROR,

@@ -14,7 +14,7 @@ _SINGLE = 1.2e-7  # relative rounding of single precision, in which coal keeps i
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Cells:
+class Voxels:
     """A solid of C ≥ 1 different cells of a grid, `numbers: (C, 3)`; cell k is from k·edge to (k + 1)·edge [m].
 
     Eight cells of a level are one of the next, and so on up to one that has all.

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, IntArray, documents as document, float_array, key, warn_once
 from safe_ompl.geometry import surfaces
-from safe_ompl.geometry.cells import Cells
+from safe_ompl.geometry.cells import Voxels
 from safe_ompl.geometry.meshes import PLY_SURFACES, read_ply
 from safe_ompl.geometry.pose import LONGEST, Pose, placed
 from safe_ompl.geometry.shapes import Part, Shape, Sphere, array_digest
@@ -279,7 +279,7 @@ def cell_tree(cells: IntArray, edge: float) -> Part:
     middle = (cells.min(axis=0) + cells.max(axis=0)) // 2
     tree = coal.makeOctree((cells - middle + 0.5) * edge, edge)
     tree.computeLocalAABB()
-    return Part("", tree, pin.SE3(np.eye(3), middle * edge), Cells(cells - middle, edge))
+    return Part("", tree, pin.SE3(np.eye(3), middle * edge), Voxels(cells - middle, edge))
 
 
 def _count_cells(points: FloatArray, edge: float) -> int:

@@ -14,7 +14,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, halton_point
-from safe_ompl.geometry.cells import Cells
+from safe_ompl.geometry.cells import Voxels
 from safe_ompl.geometry.kernels import BODY, NODE, Records, Shapes, extreme_vertices
 from safe_ompl.geometry.pose import LONGEST
 
@@ -227,7 +227,7 @@ class ConvexBodies:
     vertices: FloatArray
     bounded: bool
     exact: BoolArray
-    solids: Mapping[int, Cells] = field(default_factory=dict)
+    solids: Mapping[int, Voxels] = field(default_factory=dict)
     nodes: Records = field(default_factory=lambda: _NO_NODES)
 
     @property

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, IntArray, Section, documents as document, key, shown, warn_once
 from safe_ompl.geometry import surfaces
-from safe_ompl.geometry.cells import Cells
+from safe_ompl.geometry.cells import Voxels
 from safe_ompl.geometry.hulls import convex_hull, triangle_tree
 from safe_ompl.geometry.meshes import MESH_ENDINGS, read_mesh
 from safe_ompl.geometry.pose import LONGEST, UNLIKELY, Pose
@@ -54,7 +54,7 @@ class Part(NamedTuple):
     name: str
     geometry: coal.CollisionGeometry
     placement: pin.SE3
-    cells: Cells | None = None
+    cells: Voxels | None = None
 
 
 @dataclass(frozen=True)

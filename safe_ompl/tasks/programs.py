@@ -41,7 +41,7 @@ from safe_ompl.tasks.program_result import ProgramResult, Stretch
 from safe_ompl.tasks.tip import configurations_at
 from safe_ompl.tasks.tool_motions import plan_tool
 from safe_ompl.tasks.tool_path import ToolPath
-from safe_ompl.tasks.workcell import Driven, ImpossibleError, State, Workcell, named
+from safe_ompl.tasks.workcell import CellState, Driven, ImpossibleError, Workcell, named
 
 PROGRAM_TIME = 20.0  # [s]
 _STEP_DONE = 2.0  # [s] that a planned step counts less
@@ -106,10 +106,10 @@ class _Node:
     """A beginning of the program that is planned, up to a step, and perhaps how that step might be done."""
 
     step: int
-    state: State
+    state: CellState
     stretches: tuple[Stretch, ...] = ()
     choices: tuple[str, ...] = ()
-    todo: Callable[[], tuple[State, tuple[Driven, ...]]] | None = None
+    todo: Callable[[], tuple[CellState, tuple[Driven, ...]]] | None = None
     duration: float = 0.0
 
 
@@ -197,7 +197,7 @@ class _ProgramPlanner:
         else:
             yield 0.0, [], partial(getattr(self, f"_{step.kind}"), step, state)
 
-    def _targets(self, step: Move | Line, state: State) -> Iterator[tuple[Mapping[Any, int], pin.SE3, list[str]]]:
+    def _targets(self, step: Move | Line, state: CellState) -> Iterator[tuple[Mapping[Any, int], pin.SE3, list[str]]]:
         """Yield what may be chosen, where the tip is to be then, and the choice in words."""
         ((kind, value),) = step.targets.items()
         up = pin.SE3(np.eye(3), np.array([0.0, 0.0, step.up]))
@@ -232,7 +232,7 @@ class _ProgramPlanner:
 
     # ---------------------------------------------------------------------------------------------------- steps
 
-    def _move(self, step: Move, state: State, branch: FloatArray | None) -> Any:
+    def _move(self, step: Move, state: CellState, branch: FloatArray | None) -> Any:
         arm, q = self._cell.arm_at(step.arm, state)
         scene = state.scene.touched(step.touching, step.depth)
         goal = Goal(region=step.region) if step.region is not None else None
@@ -253,7 +253,7 @@ class _ProgramPlanner:
         timer = PathTimer(arm, self._cell.limits_of(arm), motion=setup.motion_prover, **caps)
         return self._cell.driven(state, scene, *_points(timer.time(result.path), arm))
 
-    def _line(self, step: Line | Seam, state: State, targets: list[pin.SE3]) -> Any:
+    def _line(self, step: Line | Seam, state: CellState, targets: list[pin.SE3]) -> Any:
         arm, q = self._cell.arm_at(step.arm, state)
         poses = [arm.tip_pose(q), *targets]
         if len(poses) == 2 and np.abs(pin.log6(poses[0].inverse() * poses[1]).vector).max() < _STILL:
@@ -270,7 +270,7 @@ class _ProgramPlanner:
         corners = tuple(np.searchsorted(found.along.times, path.corners - _STILL).tolist())
         return self._cell.driven(state, scene, found.motion, replace(found.along, timed=False, corners=corners))
 
-    def _gripper(self, step: Gripper, state: State) -> Any:
+    def _gripper(self, step: Gripper, state: CellState) -> Any:
         robot = self._cell.holding(state)
         q = robot.configuration({**named(robot, state.q), **step.joints})
         if (beyond := robot.beyond_limits(q)) is not None:
@@ -280,12 +280,12 @@ class _ProgramPlanner:
         scene = state.scene.touched(step.touching, step.depth)
         return self._cell.driven(state, scene, *_points(PathTimer(robot, self._cell.limits).time([state.q, q]), robot))
 
-    def _wait(self, step: Wait, state: State) -> Any:
+    def _wait(self, step: Wait, state: CellState) -> Any:
         still = np.array([[state.q, np.zeros_like(state.q)]])
         scene = state.scene.touched(step.touching, step.depth)
         return self._cell.driven(state, scene, Motion(np.array([0.0, step.time]), still, self._cell.robot.joint_names))
 
-    def _attach(self, step: Attach, state: State) -> Any:
+    def _attach(self, step: Attach, state: CellState) -> Any:
         if step.object not in state.scene.names:
             raise ImpossibleError(f"{step.object!r} is held already")
         obstacle = state.scene[step.object]
@@ -294,7 +294,7 @@ class _ProgramPlanner:
         item = Attachment(obstacle.name, obstacle.shape, arm.tip, Pose.of(pose), self._cell.finger_links)
         return state._replace(held=(*state.held, item), scene=state.scene.without(obstacle.name)), ()
 
-    def _detach(self, step: Detach, state: State) -> Any:
+    def _detach(self, step: Detach, state: CellState) -> Any:
         item = next((item for item in state.held if item.name == step.object), None)
         if item is None:
             raise ImpossibleError(f"{step.object!r} is not held")

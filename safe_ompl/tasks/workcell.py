@@ -37,7 +37,7 @@ class Driven(NamedTuple):
     joints: tuple[str, ...]
 
 
-class State(NamedTuple):
+class CellState(NamedTuple):
     """Where everything is: all joints (n,), what is held, the obstacles, and which grasp and place were chosen."""
 
     q: FloatArray
@@ -55,7 +55,7 @@ class Workcell:
         That of the scenario, holding nothing, with the joints of its grippers among those that move.
     limits : RateLimits
         Of its joints.
-    begin : State
+    begin : CellState
         Where everything is at first.
     """
 
@@ -71,7 +71,7 @@ class Workcell:
         self.robot = self._with_grippers()
         values = {**self._arm.held_joints, **named(self._arm, start)}
         q = self.robot.configuration({name: values[name] for name in self.robot.joint_names})
-        self.begin = State(q, self._arm.spec.attached, scenario.scene, {})
+        self.begin = CellState(q, self._arm.spec.attached, scenario.scene, {})
         motion = scenario.motion
         self.limits = RateLimits.of(self.robot, motion.velocity, motion.acceleration, motion.jerk)
         with document.within("limits"):
@@ -123,7 +123,7 @@ class Workcell:
             held = held | {step.object} if isinstance(step, Attach) else held
             held = held - {step.object} if isinstance(step, Detach) else held
 
-    def holding(self, state: State) -> Robot:
+    def holding(self, state: CellState) -> Robot:
         """Return the robot with all of its joints and what it holds."""
         robot = self.robot
         for item in state.held:
@@ -132,7 +132,7 @@ class Workcell:
             )
         return robot
 
-    def arm_at(self, arm: str | None, state: State) -> tuple[Robot, FloatArray]:
+    def arm_at(self, arm: str | None, state: CellState) -> tuple[Robot, FloatArray]:
         """Return the robot with the joints of one arm alone, the others locked where they are, and where it is."""
         robot = self.holding(state)
         prefix = (arm or robot.spec.tip or next(iter(robot.spec.robots))) if robot.spec.robots else None
@@ -158,11 +158,11 @@ class Workcell:
         most = self.limits.velocity[rows], self.limits.acceleration[rows], None if jerk is None else jerk[rows]
         return RateLimits(arm.joint_names, *most)
 
-    def tip(self, arm: str | None, state: State) -> pin.SE3:
+    def tip(self, arm: str | None, state: CellState) -> pin.SE3:
         moving, q = self.arm_at(arm, state)
         return moving.tip_pose(q)
 
-    def link(self, link: str, state: State) -> pin.SE3:
+    def link(self, link: str, state: CellState) -> pin.SE3:
         """Return where a link or frame is."""
         robot = self.holding(state)
         model, data = robot.shared.model, robot.shared.model.createData()
@@ -196,8 +196,8 @@ class Workcell:
             raise ImpossibleError(f"{pair[0]!r} touches {pair[1]!r} where it begins: {needs}") from None
 
     def driven(
-        self, state: State, scene: Scene, moving: Motion, curve: Motion | None = None
-    ) -> tuple[State, tuple[Driven, ...]]:
+        self, state: CellState, scene: Scene, moving: Motion, curve: Motion | None = None
+    ) -> tuple[CellState, tuple[Driven, ...]]:
         """Return the state after a motion of some joints, the proof of it for all of them, and the curve of all."""
         robot, people = self.holding(state), self._scenario.people
         rows = self.rows(moving.joint_names or ())

@@ -6,7 +6,7 @@ from oracles.pinocchio_points import body_points
 
 from safe_ompl import Box, CollisionChecker, Obstacle, PointCloud, Pose, Scene
 from safe_ompl.collision import PairDistances
-from safe_ompl.geometry import Cells
+from safe_ompl.geometry import Voxels
 
 TURNED = Pose((0.1, -0.05, 0.02), (0.0, 0.0, np.sin(0.2), np.cos(0.2)))
 
@@ -71,7 +71,7 @@ def test_clouds_all_around_are_decided_without_coal(ur5, path, plain_distances, 
 
 
 def test_cells_of_a_tree_hold_those_that_follow(rng):
-    cells = Cells(np.unique(rng.integers(-9, 14, (300, 3)), axis=0), 0.02)
+    cells = Voxels(np.unique(rng.integers(-9, 14, (300, 3)), axis=0), 0.02)
     nodes, sides = cells.tree, cells.half_sides
     leaves = nodes[nodes["level"] == 0]
     np.testing.assert_allclose(np.unique(leaves["centre"], axis=0), np.unique((cells.numbers + 0.5) * 0.02, axis=0))

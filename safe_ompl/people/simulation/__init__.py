@@ -20,10 +20,10 @@ if TYPE_CHECKING:
         Contact as Contact,
         ContactMonitor as ContactMonitor,
         Faults as Faults,
-        Nearest as Nearest,
+        NearestLimb as NearestLimb,
         ProgramSimulation as ProgramSimulation,
         Simulation as Simulation,
-        Summary as Summary,
+        SimulationSummary as SimulationSummary,
     )
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

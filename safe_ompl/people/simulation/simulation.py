@@ -35,7 +35,7 @@ class Touch(NamedTuple):
     normal: FloatArray  # (3,), from the link to the limb
 
 
-class Nearest(NamedTuple):
+class NearestLimb(NamedTuple):
     """The smallest distance at one instant [m], the link of the robot, and the limb of a person or object."""
 
     distance: float
@@ -74,16 +74,16 @@ class ContactMonitor:
         self.touching: dict[tuple[str, str], Contact] = {}  # by whom it touches now, and the limb
         self.contacts: list[Contact] = []
 
-    def nearest(self, q: FloatArray, solids: list[Solid]) -> Nearest:
+    def nearest(self, q: FloatArray, solids: list[Solid]) -> NearestLimb:
         """Return the smallest distance between the robot at `q: (n,)` and any of the solids."""
         full = self._robot.pinocchio_configuration(q)
         pin.updateGeometryPlacements(self._model, self._kinematics, self._bodies, self._data, full)
-        found = Nearest(np.inf)
+        found = NearestLimb(np.inf)
         for k, solid, geometries in self._pairs(solids):
             self._result.clear()  # or it keeps the smallest of all that it ever saw
             distance = coal.distance(*geometries, self._request, self._result)
             if distance < found.distance:
-                found = Nearest(float(distance), self._links[k], solid.who, solid.limb)
+                found = NearestLimb(float(distance), self._links[k], solid.who, solid.limb)
         return found
 
     def _pairs(self, solids: list[Solid]) -> Iterator[tuple[int, Solid, tuple[Any, Any, Any, Any]]]:
@@ -121,7 +121,7 @@ class ContactMonitor:
         moving: bool,
         obeyed: bool,
         qd: FloatArray | None = None,
-    ) -> Nearest:
+    ) -> NearestLimb:
         """Note a contact at one instant if there is one, and return the smallest distance.
 
         With joint velocities `qd: (n,)` the speeds of the robot in contacts are noted, too.
@@ -157,7 +157,7 @@ class Faults(Section):
 
 
 @dataclass
-class Summary:
+class SimulationSummary:
     """The result of a simulation."""
 
     seconds: float = 0.0
@@ -228,7 +228,7 @@ class Simulation:
         self.faults = Faults() if faults is None else faults
         self.latency = number("latency", self.faults.latency, at_least=0.0, at_most=replanner.tick)
         self.monitor = ContactMonitor(replanner.robot)
-        self.summary = Summary()
+        self.summary = SimulationSummary()
         self._rng = np.random.default_rng(self.faults.seed)
         self._promised: dict[float, ReachSets] = {}
         self.reactions: list[float] = []
@@ -237,7 +237,7 @@ class Simulation:
         """Return the header of a log of the ticks."""
         return self.replanner.log_header()
 
-    def run(self, seconds: float) -> Summary:
+    def run(self, seconds: float) -> SimulationSummary:
         """Run for a time [s], and return the result."""
         for _ in self.ticks(seconds):
             pass
@@ -352,12 +352,12 @@ class Simulation:
         radii = self.faults.noise * self._rng.random((*shape[:-1], 1)) ** (1 / 3)
         return np.asarray(directions * radii)
 
-    def _observe(self, now: float, old: Command | None, new: Command) -> tuple[FloatArray, Nearest]:
+    def _observe(self, now: float, old: Command | None, new: Command) -> tuple[FloatArray, NearestLimb]:
         """Return shares (2,) of a tick, in which all obeyed and the robot moved, and what was nearest at first."""
         robot = self.replanner.robot
         times = now + np.arange(0.0, self.replanner.tick - 1e-9, _FINE)
         shares: FloatArray = np.zeros(2)
-        here, first_q, first = Nearest(np.inf), np.zeros(0), [np.zeros((0, 3))]
+        here, first_q, first = NearestLimb(np.inf), np.zeros(0), [np.zeros((0, 3))]
         for i, time in enumerate(times.tolist()):
             command = self._in_force(time, now, old, new)
             state = command.at(max(time, command.time))
