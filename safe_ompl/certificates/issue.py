@@ -105,7 +105,7 @@ def certificate(
     Parameters
     ----------
     path : array_like, shape (N, n)
-        Way points [rad or m]; between them joints move on straight lines, continuous joints the short way.
+        Way points [rad or m]; between them joints move on straight lines; see `Robot.way_points`.
     robot, scene : Robot, Scene
         The robot, and the obstacles.
     claims : Claims or mapping, optional
@@ -127,7 +127,7 @@ def certificate(
     PlanningError
         If an edge cannot be proven.
     """
-    points = finite_array(path, (None, robot.n), "path")
+    points = robot.way_points(path)
     if not len(points):
         raise InputError("path must have a configuration at least, got none")
     wanted: Claims = document.section("claims", claims, Claims)

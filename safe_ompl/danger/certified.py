@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, InputError, IntArray, finite_array, motion_ends, number
+from safe_ompl.common import FloatArray, InputError, IntArray, motion_ends, number
 from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.kernels.field import Ends, chords
 from safe_ompl.danger.link_field import segment_bounds
@@ -194,7 +194,7 @@ class PeakSearch:
 
     def __init__(self, field: DangerField, path: ArrayLike, ceiling: Callable[[float], float]) -> None:
         robot = field.robot
-        points = finite_array(path, (None, robot.n), "path")
+        points = robot.way_points(path)
         if not len(points):
             raise InputError("path must have a configuration at least, got none")
         _check_strokes(robot, points)

@@ -31,7 +31,7 @@ class JointPath:
     joint_names : sequence of str
         The n joints; their names differ.
     points : array_like, shape (N, n)
-        Way points [rad or m]; between them the joints move on straight lines, continuous joints the short way.
+        Way points [rad or m]; between them the joints move on straight lines, as their numbers stand.
 
     Raises
     ------

@@ -60,12 +60,24 @@ class MotionCheck(NamedTuple):
     def __bool__(self) -> bool:
         return not self.violations
 
+    @property
+    def long_turns(self) -> tuple[str, ...]:
+        """Where a continuous joint turns by more than half a turn on a piece, in words: not the short way round."""
+        motion, robot = self.motion, self.proof.checker.robot
+        turns = np.diff(motion.knots, axis=0) * robot.continuous
+        return tuple(
+            f"joint {robot.joint_names[i]!r} turns by {turns[k, i]:.4g} rad from {motion.times[k]:.4g} to "
+            f"{motion.times[k + 1]:.4g}{' s' if motion.timed else ''}, as its numbers stand"
+            for k, i in np.argwhere(np.abs(turns) > np.pi)
+        )
+
     def __str__(self) -> str:
+        turns = [f"  {turn}" for turn in self.long_turns]
         if self:
             tube = self.separation.tube
             within = f" within a tube of {_widths(tube)}" if tube else ""
-            return f"proven{within}: {', '.join(self.claims)}"
-        return "not proven:\n" + "\n".join(f"  {violation}" for violation in self.violations)
+            return "\n".join([f"proven{within}: {', '.join(self.claims)}", *turns])
+        return "\n".join(["not proven:", *(f"  {violation}" for violation in self.violations), *turns])
 
     def _repr_html_(self) -> str:
         return notebook_html(self)
@@ -186,7 +198,9 @@ def prove_many(
     The same as `MotionProver.is_free` says one by one, with the constraints; the workers are threads that share them.
     Who asks often makes the prover once, and calls `MotionProver.are_free`. Errors as there and as those of `check`.
     """
-    return _proof(robot, scene, constraints).are_free(starts, ends, workers=workers)
+    free = _proof(robot, scene, constraints).are_free(starts, ends, workers=workers)
+    robot.check_turns(np.asarray(starts), np.asarray(ends), "motions")
+    return free
 
 
 def check_with(

@@ -93,15 +93,6 @@ def powers_from_left(thing: Any) -> Pieces:
     return times, coefficients, polynomials.EPS * np.einsum("k,jkn->jn", weights, np.abs(coefficients))
 
 
-def unwound(coefficients: FloatArray, rounding: FloatArray | None, robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Return straight pieces (K, 2, n) on which continuous joints go the short way, as `robot.difference` does."""
-    turns = 2 * np.pi * np.round(coefficients[:, 1] / (2 * np.pi)) * robot.continuous
-    before = np.vstack([np.zeros(robot.n), np.cumsum(turns, axis=0)[:-1]])
-    found = coefficients - np.stack([before, turns], axis=1)
-    error = 2 * polynomials.EPS * (np.abs(coefficients).sum(axis=1) + np.abs(before)) * robot.continuous
-    return found, error if rounding is None else rounding + error
-
-
 def _increasing(times: ArrayLike, count: int | None = None) -> FloatArray:
     """Return times that increase by a nanosecond at least, `count` of them if that is given."""
     found = finite_array(times, (None,), "times")
@@ -172,8 +163,7 @@ def path_states(path: Any, space: Any) -> FloatArray:
         raise InputError("has no states", "PathGeometric")
     if space is None:
         raise InputError("does not know its state space: give space, or the SimpleSetup", "PathGeometric")
-    bridge = StateBridge(joint_space(space) if isinstance(space, Robot) else space)
-    return np.array([bridge.read(path.getState(i)) for i in range(count)])
+    return StateBridge(joint_space(space) if isinstance(space, Robot) else space).way_points(path)
 
 
 def columns(names: tuple[str, ...] | None, n: int, robot: Robot) -> list[int]:

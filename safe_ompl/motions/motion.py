@@ -32,7 +32,8 @@ class Motion:
     """A motion of n joints in K pieces, polynomials of time, or of the parameter of a path.
 
     q(t) = Σ_k c_k u^k with u = (t − t_j) / (t_{j+1} − t_j) in [0, 1] on piece j. Other forms of motions are
-    converted by `of`, `through`, `hermite` and `sampled`. A path is driven as a time law says (`time_path`).
+    converted by `of`, `through`, `hermite` and `sampled`. Joint values are taken as they stand: no continuous joint
+    goes the short way round. A path is driven as a time law says (`time_path`).
 
     Parameters
     ----------
@@ -48,8 +49,6 @@ class Motion:
         Whether `times` are seconds; otherwise they are parameters of a path, and it has no rates.
     rounding : array_like, shape (K, n), optional
         Bound of the sum of the errors of c_0 … c_d, which constructors round [rad or m]. Default: they are exact.
-    short_way : bool
-        Whether continuous joints go the short way on pieces that are straight: `for_robot` adds whole turns then.
     corners : tuple of int, optional
         Of a path: the knots 1 … K − 1 at which it turns, where the robot stops.
 
@@ -66,7 +65,6 @@ class Motion:
     slack: FloatArray | None = None
     timed: bool = True
     rounding: FloatArray | None = None
-    short_way: bool = False
     corners: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
@@ -74,8 +72,6 @@ class Motion:
         pieces, size, n = forms.of_degree(coefficients).shape
         if not (pieces and size and n):
             raise InputError(f"must have pieces, powers and joints, got shape {coefficients.shape}", "coefficients")
-        if self.short_way and size != 2:
-            raise InputError(f"is for straight pieces, not for a degree of {size - 1}", "short_way")
         times = finite_array(self.times, (pieces + 1,), "times")
         if not (np.diff(times) > 0).all():
             raise InputError(f"must increase, got {shown(times.tolist())}", "times")
@@ -208,8 +204,6 @@ class Motion:
         if degrees:
             error = 2 * polynomials.EPS * np.abs(coefficients).sum(axis=1)
             rounding = error if rounding is None else rounding + error
-        if self.short_way and robot.continuous.any():
-            coefficients, rounding = forms.unwound(coefficients, rounding, robot)
         return Motion(self.times, coefficients, robot.joint_names, slack, self.timed, rounding, corners=self.corners)
 
     def cut(self, cuts: Mapping[int, FloatArray]) -> Motion:
@@ -374,12 +368,8 @@ class Motion:
 
     @classmethod
     def through(cls, points: ArrayLike, times: ArrayLike | None = None, names: Sequence[str] | None = None) -> Motion:
-        """Return the straight lines through way points (N, n); continuous joints go the short way, as on planned paths.
-
-        Without `times` (N,) [s] it is a path.
-        """
-        pieces = forms.straight(times, points, "way points")
-        return cls._made(pieces, names, timed=times is not None, short_way=True)
+        """Return the straight lines through way points (N, n); without `times` (N,) [s] it is a path."""
+        return cls._made(forms.straight(times, points, "way points"), names, timed=times is not None)
 
     @classmethod
     def _made(cls, pieces: forms.Pieces, names: Sequence[str] | None, **options: Any) -> Motion:
@@ -395,7 +385,7 @@ class Motion:
         accelerations: Any = None,
         names: Sequence[str] | None = None,
     ) -> Motion:
-        """Return what ROS 2's joint_trajectory_controller interpolates; the numbers of continuous joints as they are.
+        """Return what ROS 2's joint_trajectory_controller interpolates.
 
         Lines where only positions are given, cubic pieces with velocities, quintic ones with accelerations besides.
 
@@ -421,7 +411,7 @@ class Motion:
         """Return bare samples (N, n): lines, and a slack for what a joint of bounded velocity may do in between.
 
         In Δt a joint that moves by Δq no faster than v is at most (v² − (Δq/Δt)²) Δt / 2v ≤ ½ v Δt from the line.
-        Numbers of continuous joints are taken as they are. `max_velocity`, a number or (n,), is what no joint exceeds
+        `max_velocity`, a number or (n,), is what no joint exceeds
         at any time [rad/s or m/s]. Raises InputError as the class, or if samples are farther apart than it allows.
         """
         pieces, slack = forms.sampled(times, positions, max_velocity)
@@ -435,8 +425,8 @@ class Motion:
         ----------
         thing : object
             A `Motion`; SciPy's `PPoly` (`CubicSpline`, `Akima1DInterpolator`, …), `BPoly` or `BSpline` with values
-            (n,); way points (N, n); a `PlanResult`, a `JointPath`; OMPL's `PathGeometric`, or a solved `SimpleSetup`; a
-            `Trajectory`, as controllers join its `points`.
+            (n,); way points (N, n); a `PlanResult`, a `JointPath`; OMPL's `PathGeometric`, or a solved `SimpleSetup`,
+            on which angles go the way that their space interpolates; a `Trajectory`, as controllers join its `points`.
         names : sequence of str, optional
             The joints, where it does not name them itself.
         space : ob.StateSpace or Robot, optional
@@ -479,8 +469,7 @@ class Motion:
         held = {key: getattr(self, key) for key in ("times", "coefficients", "slack", "rounding")}
         said = {key: value.tolist() for key, value in held.items() if value is not None}
         names = None if self.joint_names is None else list(self.joint_names)
-        more = {"timed": self.timed, "short_way": self.short_way, "corners": list(self.corners)}
-        return {"joint_names": names, **said, **more}
+        return {"joint_names": names, **said, "timed": self.timed, "corners": list(self.corners)}
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Motion:
@@ -493,7 +482,6 @@ class Motion:
             data.get("slack"),
             documents.flag("timed", data.get("timed", True)),
             data.get("rounding"),
-            documents.flag("short_way", data.get("short_way", False)),
             tuple(documents.each("corners", data.get("corners", ()), documents.whole_number, at_least=1)),
         )
 

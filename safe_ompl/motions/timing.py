@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionProver
-from safe_ompl.common import InputError, finite_array, instance, number
+from safe_ompl.common import InputError, instance, number
 from safe_ompl.motions.blends import blended
 from safe_ompl.motions.caps import MotionCaps, Standstill, StandstillError, bending_cap, people_caps, speed_caps
 from safe_ompl.motions.cells import BodySpeeds
@@ -125,7 +125,7 @@ class PathTimer:
             where people bound the speed: 60 take a quarter of the time (a Panda beside a person: 25 ms instead of 100),
             and the motion becomes some 9 to 17 % slower.
         """
-        points = finite_array(path, (None, self.robot.n), "path")
+        points = self.robot.way_points(path)
         if len(points) < 2:
             raise InputError(f"a trajectory needs a path of two way points at least, got {len(points)}")
         for k, q in enumerate(points):

@@ -354,9 +354,11 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         return super().getSolutionPath()
 
     def solution(self) -> FloatArray:
-        """Return the solution path (N, n) found last; raise InputError if there is none."""
-        path, bridge = self.getSolutionPath(), self.bridge
-        return np.array([bridge.read(path.getState(i)) for i in range(path.getStateCount())])
+        """Return the solution path (N, n) found last; raise InputError if there is none.
+
+        Continuous joints count turns along it, from a start in [−π, π): no step is longer than half a turn.
+        """
+        return self.bridge.way_points(self.getSolutionPath())
 
     def set_solution(self, path: FloatArray) -> None:
         """Put a path (N, n) in the place of the solution; where that was approximate, so is this."""

@@ -36,7 +36,7 @@ class PlanResult:
     status : str
         OMPL's word for the outcome: "Exact solution", "Timeout", …
     path : ndarray, shape (N, n), or None
-        Way points from start to goal [rad or m], validated.
+        Way points from start to goal [rad or m], validated. Continuous joints count turns: numbers do not jump at ±π.
     report : PathReport or None
         What is proven of the path, and its danger, clearance and length, computed when they are looked at.
     planner, seed : str, int

@@ -187,6 +187,29 @@ class ForwardKinematics:
         """Return `values` as configurations (B, n); raise InputError for a wrong shape or what is not finite."""
         return finite_array(values, (None, self.n), "configurations")
 
+    def way_points(self, values: ArrayLike, name: str = "path") -> FloatArray:
+        """Return `values` as way points (N, n) of a path, between which joints move on straight lines.
+
+        Raises InputError for a wrong shape, for what is not finite, and as `check_turns`.
+        """
+        points = finite_array(values, (None, self.n), name)
+        self.check_turns(points[:-1], points[1:], name)
+        return points
+
+    def check_turns(self, starts: FloatArray, ends: FloatArray, name: str) -> None:
+        """Raise InputError where a continuous joint turns by more than half a turn from `starts` to `ends: (B, n)`.
+
+        There the straight motion that the numbers describe is another one than the motion by `difference`.
+        """
+        steps = ends - starts
+        if self._wraps and (steps != self.difference(starts, ends)).any():
+            k, i = np.unravel_index(np.abs(steps * self.continuous).argmax(), steps.shape)
+            raise InputError(
+                f"joint {self.joint_names[i]!r} turns by {steps[k, i]:.4g} rad after number {k}, more than half a turn:"
+                " give a way point between, or angles that do not jump (np.unwrap) where the short way is meant",
+                name,
+            )
+
     def pinocchio_configuration(self, q: ArrayLike) -> FloatArray:
         """Return `q: (n,)` in Pinocchio's form (nq,): cosine and sine for each continuous joint, mimic joints too.
 

@@ -122,6 +122,25 @@ class StateBridge:
             return q
         return np.where(self.circular, (q + np.pi) % (2 * np.pi) - np.pi, q)
 
+    def way_points(self, path: Any) -> FloatArray:
+        """Return the way points (N, n) of a `PathGeometric`, between which the space interpolates on straight lines.
+
+        Coordinates that wrap count turns: no step is longer than half a turn. Raises InputError if its states are of
+        another kind than those of the space, which could not be read.
+        """
+        own, kinds = type(self.space.allocState()), {type(path.getState(i)) for i in range(path.getStateCount())}
+        if kinds - {own}:
+            names = " and ".join(sorted(kind.__name__ for kind in kinds))
+            raise InputError(
+                f"its states are {names}, those of the space are {own.__name__}: give the space that it was planned in",
+                "PathGeometric",
+            )
+        points = np.array([self.read(path.getState(i)) for i in range(path.getStateCount())])
+        if self._wraps:
+            turns = np.round(np.diff(points, axis=0) / (2 * np.pi))
+            points[1:] -= np.where(self.circular, 2 * np.pi * np.cumsum(turns, axis=0), 0.0)
+        return points
+
     def inside(self, q: FloatArray) -> FloatArray:
         """Return the configuration within bounds that is nearest to `q: (…, n)`; coordinates that wrap are wrapped."""
         # In a third of the time of np.clip.

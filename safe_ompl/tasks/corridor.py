@@ -132,7 +132,7 @@ class _Proof:
                 at = float((first, last)[k[0]][k[1]])
                 return CorridorProof(False, float(ends[0].max()), float(ends[1].max()), at, outside=True)
             apart, turned = self._bounds(first, last, ends, rates)
-            open_ = (apart > self._corridor.position) | (turned > self._corridor.angle)
+            open_ = ~((apart <= self._corridor.position) & (turned <= self._corridor.angle))  # NaN is not proven
             position = max(position, float(apart[~open_].max(initial=0.0)))
             angle = max(angle, float(turned[~open_].max(initial=0.0)))
             first, last = first[open_], last[open_]

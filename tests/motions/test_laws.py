@@ -34,7 +34,7 @@ def test_limits_hold_at_every_instant(robot_named, free, name, blend, jerk, asse
     robot, rng = robot_named(name), np.random.default_rng(3)
     low, high = np.maximum(robot.lower, -2.5), np.minimum(robot.upper, 2.5)
     for _ in range(4):
-        path = rng.uniform(low, high, (rng.integers(2, 6), robot.n))
+        path = robot.unrolled(rng.uniform(low, high, (rng.integers(2, 6), robot.n)))
         kinds = (rng.uniform(*span, robot.n) for span in ((0.5, 3), (1, 20), (5, 5000))[: 2 + jerk])
         limits, motion = RateLimits.of(robot, *kinds), free if blend else None
         trajectory = time_path(path, robot, limits, motion=motion, tolerance=rng.uniform(0.01, 0.4))

@@ -221,17 +221,26 @@ def test_paths_of_all_kinds(kinova):
         Motion.of(PlanResult("Timeout", None, None, "PRM", 1, names, 0.1))
 
 
-def test_continuous_joints_go_the_short_way_between_way_points_only(kinova):
+def test_numbers_of_continuous_joints_stand_but_states_of_angles_go_the_short_way(kinova):
     rng = np.random.default_rng(3)
     points = rng.uniform(-3.1, 3.1, (20, 6))
-    motion = Motion.through(points).for_robot(kinova)
-    steps = kinova.difference(points[:-1], points[1:])
-    np.testing.assert_allclose(np.diff(motion.knots, axis=0), steps, atol=1e-13)
     assert np.abs(np.diff(points, axis=0)).max() > np.pi
-    np.testing.assert_allclose(kinova.difference(points, motion.knots), 0, atol=1e-13)
-    assert (motion.coefficients == motion.for_robot(kinova).coefficients).all()
-    timed = Motion.hermite(range(20), points).for_robot(kinova)
-    np.testing.assert_allclose(timed.knots, points, atol=1e-13)
+    path = JointPath(kinova.joint_names, points)
+    for motion in (Motion.through(points), Motion.through(points, range(20)), Motion.hermite(range(20), points)):
+        np.testing.assert_allclose(motion.for_robot(kinova).knots, points, atol=1e-13)
+    np.testing.assert_array_equal(Motion.of(path).for_robot(kinova).knots, points)
+    for wraps in (True, False):
+        space = joint_space(kinova) if wraps else ob.RealVectorStateSpace(6)
+        if not wraps:
+            space.setBounds(-4.0, 4.0)
+        states, scratch = og.PathGeometric(ob.SpaceInformation(space)), ScratchState(StateBridge(space))
+        for q in points:
+            states.append(scratch.set(q))
+        steps = np.diff(Motion.of(states, space=space).knots, axis=0)
+        expected = kinova.difference(points[:-1], points[1:]) if wraps else np.diff(points, axis=0)
+        np.testing.assert_allclose(steps, expected, atol=1e-13)
+    with pytest.raises(InputError, match=r"PathGeometric: its states are .*: give the space"):
+        Motion.of(states, space=kinova)
 
 
 def test_joints_come_by_name(twin_arm):

@@ -211,6 +211,7 @@ def _check(
     tube = found.separation.tube
     record: dict[str, Any] = {"file": options.file, "scenario": scenario.name, "robot": robot.name}
     record |= {"proven": bool(found), "claims": found.claims, "tube": tube or None}
+    record["long_turns"] = found.long_turns
     record["violations"] = [vars(violation) for violation in found.violations]
     widest = repair = None
     if options.widest_tube:

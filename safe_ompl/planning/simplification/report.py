@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CollisionChecker, MotionProver, MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, InputError, finite_array, notebook_html
+from safe_ompl.common import FloatArray, InputError, notebook_html
 from safe_ompl.danger import DangerField
 from safe_ompl.motions import UserCheck, claims_of
 from safe_ompl.planning.simplification.measures import (
@@ -84,9 +84,9 @@ class Validation:
 def validate(path: ArrayLike, motion: MotionProver) -> Validation:
     """Return what can be proven of a path (N, n), and what the user's own checks among the motion's limits say.
 
-    An InputError if the path is empty, has the wrong shape, or is not finite.
+    An InputError if the path is empty, or as `Robot.way_points`.
     """
-    path = finite_array(path, (None, motion.checker.robot.n), "path")
+    path = motion.checker.robot.way_points(path)
     if not len(path):
         raise InputError("path must have a configuration at least, got none")
     own = [limit for limit in motion.limits if isinstance(limit, UserCheck)]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CollisionChecker, MotionProver
-from safe_ompl.common import FloatArray, InputError, clock, finite_array, number, until_ctrl_c
+from safe_ompl.common import FloatArray, InputError, clock, number, until_ctrl_c
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.simplification.cost import (
     WEIGHT,
@@ -144,10 +144,10 @@ class Simplifier:
         `on_better` is told every better path (N', n) as soon as it is proven, and its J for the danger points that
         matter near it. When others turn out to matter, such a path may be taken back.
         """
-        checked = finite_array(path, (None, self.robot.n), "path")
+        checked = self.robot.way_points(path)
         if len(checked) < 2:
             raise InputError(f"path must have two configurations at least, got {len(checked)}")
-        return SimplificationRun(self, self.robot.unrolled(checked), stop, on_better, proven)
+        return SimplificationRun(self, checked.copy(), stop, on_better, proven)
 
     def simplify(self, path: ArrayLike, stop: Stop | float, *, proven: bool = False) -> FloatArray:
         """Return a path that is proven as the given one is, and cheaper: shorter, safer, farther from obstacles.

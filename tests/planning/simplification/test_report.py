@@ -53,9 +53,11 @@ def test_way_points_alone_and_repeated(crank):
     assert twice.danger.integral == pytest.approx(once.danger.integral)
 
 
-def test_continuous_joints_are_followed_the_short_way(kinova):
+def test_continuous_joints_count_turns(kinova):
     rest = [2.9, 1.3, 3.0, 1.8, -3.0]
-    assert report(kinova, [[3.0, *rest], [-3.0, *rest]]).length == pytest.approx(2 * np.pi - 6)
+    assert report(kinova, [[3.0, *rest], [2 * np.pi - 3.0, *rest]]).length == pytest.approx(2 * np.pi - 6)
+    with pytest.raises(InputError, match="path: joint 'j2s6s200_joint_1' turns by -6 rad after number 0"):
+        report(kinova, [[3.0, *rest], [-3.0, *rest]])
 
 
 def test_as_plain_numbers_here_and_in_another_process(crank):

@@ -1,0 +1,138 @@
+"""Continuous joints turn as their numbers stand, whoever gives the numbers; a path that is not clear is refused."""
+
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from crank import CRANK
+from hypothesis import given, settings, strategies as st
+from ompl import base as ob, geometric as og
+
+import safe_ompl
+from safe_ompl import InputError, JointPath, Motion, MotionProver, PlanResult, Robot, SafeSetup, Scene, Sphere
+from safe_ompl.certificates import certificate, motion_certificate, verify
+from safe_ompl.robot import ScratchState, StateBridge, joint_space
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """Return a robot of one joint without limits that turns a ball half a metre from it."""
+    file = tmp_path_factory.mktemp("wheel") / "wheel.urdf"
+    file.write_text(CRANK.replace('type="revolute"', 'type="continuous"'))
+    return Robot.from_urdf(file)
+
+
+def scene(angle):
+    """Return a ball where the robot's is at an angle."""
+    position = 0.5 * np.array([np.cos(angle), np.sin(angle), 0.0])
+    return Scene([safe_ompl.Obstacle("ball", Sphere(0.05), safe_ompl.Pose(tuple(position)))])
+
+
+def passes(path, angle):
+    """Return whether a path of numbers comes near to an angle."""
+    fine = np.concatenate([np.linspace(a, b, 2000) for a, b in pairwise(path)])
+    return bool((2 * np.abs(np.sin((fine - angle) / 2)) * 0.5 < 0.1).any())
+
+
+def states(robot, path):
+    space = joint_space(robot)
+    found, scratch = og.PathGeometric(ob.SpaceInformation(space)), ScratchState(StateBridge(space))
+    for q in path:
+        found.append(scratch.set(np.array([q])))
+    return found
+
+
+FORMS = {
+    "array": lambda robot, path, folder: np.array(path)[:, None],
+    "list": lambda robot, path, folder: [[q] for q in path],
+    "path": lambda robot, path, folder: JointPath(["turn"], np.array(path)[:, None]),
+    "result": lambda robot, path, folder: PlanResult("Exact", np.array(path)[:, None], None, "P", 1, ("turn",), 0.1),
+    "timed": lambda robot, path, folder: Motion.through(np.array(path)[:, None], range(len(path))),
+    "csv": lambda robot, path, folder: written(folder / "way.csv", "turn\n" + "\n".join(map(str, path))),
+    "timed csv": lambda robot, path, folder: written(
+        folder / "way.csv", "time,turn\n" + "\n".join(f"{k},{q}" for k, q in enumerate(path))
+    ),
+    "own": lambda robot, path, folder: saved(JointPath(["turn"], np.array(path)[:, None]), folder / "way.json"),
+    "message": lambda robot, path, folder: written(
+        folder / "way.yaml", json.dumps({"joint_names": ["turn"], "points": [{"positions": [q]} for q in path]})
+    ),
+}
+
+
+def saved(thing, file):
+    safe_ompl.save(thing, file)
+    return safe_ompl.read_motion(file)
+
+
+def written(file, text):
+    file.write_text(text)
+    return safe_ompl.read_motion(file)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    ("path", "angle"),
+    [([0.0, 6.2], np.pi), ([2.0, -2.0], 0.0), ([2.0, -2.0], np.pi), ([0.0, 3.1, 6.2], np.pi), ([3.0, 3.3], -1.0)],
+)
+def test_a_check_is_of_the_numbers_as_they_stand(wheel, tmp_path, form, path, angle):
+    motion, others = FORMS[form](wheel, path, tmp_path), scene(angle)
+    found = safe_ompl.check(motion, wheel, others)
+    assert bool(found) != passes(path, angle)
+    assert bool(SafeSetup(wheel, others, danger=None).check(motion)) == bool(found)
+    long = np.abs(np.diff(path)).max() > np.pi
+    assert ("as its numbers stand" in str(found)) == long
+    if found:
+        held = verify(motion_certificate(found), wheel, others)
+        assert held
+        assert SafeSetup(wheel, others, danger=None).repair(motion).how == "unchanged"
+
+
+@settings(max_examples=40, deadline=None)
+@given(path=st.lists(st.floats(-7.0, 7.0), min_size=2, max_size=4), angle=st.floats(-3.1, 3.1))
+def test_nothing_that_passes_an_obstacle_is_proven(wheel, path, angle):
+    """By the numbers as they stand, of all that takes a path; the short way where a path of OMPL has states."""
+    others, way = scene(angle), np.array(path)[:, None]
+    if not safe_ompl.check(way, wheel, others):
+        return
+    assert not passes(path, angle)
+    setup = SafeSetup(wheel, others, danger=None)
+    long = np.abs(np.diff(path)).max() > np.pi
+    prover = MotionProver(setup.checker)
+    calls = (
+        lambda: setup.is_free(way),
+        lambda: safe_ompl.prove_many(way[:-1], way[1:], wheel, others).all(),
+        lambda: certificate(way, wheel, others),
+        lambda: setup.report(way).certified,
+        lambda: safe_ompl.time_path(way, wheel, motion=prover, tolerance=0.0) if np.ptp(path) > 1e-3 else True,
+    )
+    for call in calls:
+        if long:
+            with pytest.raises(InputError, match=r"joint 'turn' turns by .* more than half a turn: give a way point"):
+                call()
+        else:
+            assert call()
+
+
+@settings(max_examples=40, deadline=None)
+@given(path=st.lists(st.floats(-3.1, 3.1), min_size=2, max_size=4), angle=st.floats(-3.1, 3.1))
+def test_states_of_a_circle_are_joined_the_short_way(wheel, path, angle):
+    path, others = [float(q) for q in path], scene(angle)
+    found = safe_ompl.check(states(wheel, path), wheel, others)
+    unrolled = np.unwrap(path)
+    assert found.motion.knots[:, 0] == pytest.approx(unrolled, abs=1e-9)
+    assert not (found and passes(unrolled, angle))
+    assert not found.long_turns
+
+
+def test_planned_paths_count_turns(wheel):
+    """So that a controller that takes the numbers as they stand goes the way that is proven."""
+    others = scene(0.0)
+    setup = SafeSetup(wheel, others, danger=None)
+    setup.setConfigurations([2.5], [-2.5])
+    result = setup.plan(time=5.0, seed=1)
+    assert result.report.certified
+    assert result.path[-1, 0] == pytest.approx(2 * np.pi - 2.5)
+    assert not passes(result.path[:, 0], 0.0)
+    assert safe_ompl.check(result, wheel, others)
+    assert result.timed().at([1e3]).q[0] == pytest.approx(result.path[-1])
