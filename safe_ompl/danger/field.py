@@ -108,7 +108,7 @@ class DangerField:
         **kind: Any,
     ) -> None:
         chosen = DangerKind(**kind)
-        if not len(robot.segments):
+        if not len(robot.segments) and np.size(points):
             raise InputError(f"{robot.name!r} has no link of any length for a danger; give a tip beyond its joints")
         self.robot = robot
         self.aggregate, self.weighting, self.sharpness = chosen.aggregate, chosen.weighting, chosen.sharpness

@@ -28,6 +28,7 @@ from safe_ompl.common import (
     seed as checked_seed,
     whole_number,
 )
+from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl import DangerObjective
 from safe_ompl.planning.planners import SafePlanner, SafeRRTConnect, check_planner, make_planner, seed_ompl, termination
 from safe_ompl.planning.problem_setup import ProblemSetup
@@ -263,21 +264,24 @@ class SafeSetup(ProblemSetup):
         """Make the solution shorter and safer, see `Simplifier`; every path on the way is proven.
 
         The time is for how long [s], or an `ob.PlannerTerminationCondition`; 0: until nothing more is to gain. An
-        InputError if there is no solution. Without danger OMPL's own simplifier does it, and its path is taken if it is
-        proven, too. The user's own checker is asked about every edge on the way, and about the path at the end.
+        InputError if there is no solution. A setup that plans without danger makes it shorter, and keeps its clearance
+        all the same. The user's own checker is asked about every edge on the way, and about the path at the end.
         """
         if not self.haveSolutionPath():
             raise InputError("there is no solution to simplify")
         begin, path = perf_counter(), self.solution()
-        if self.field is not None:
-            self.set_solution(self.simplifier.simplify(path, stopping(time), proven=True))
-        else:
-            super().simplifySolution(time)
-        if (self.field is None or self.getConstraints().user is not None) and not self.is_free(self.solution()):
+        simplifier = self._lengths_only if self.field is None else self.simplifier
+        self.set_solution(simplifier.simplify(path, stopping(time), proven=True))
+        if self.getConstraints().user is not None and not self.is_free(self.solution()):
             # Samples of a motion are not those of its parts: a check of the user's own may refuse these after all.
             _log.info("the simplified path is refused; the solution stays as it was")
             self.set_solution(path)
         self._simplification_time = perf_counter() - begin
+
+    @property
+    def _lengths_only(self) -> paths.Simplifier:
+        """What makes paths shorter where nothing is dangerous."""
+        return paths.Simplifier(self.checker, DangerField(self.robot, np.empty((0, 3))), self.motion_prover)
 
     def getLastSimplificationTime(self) -> float:
         """Return how long the last simplification took [s]."""

@@ -69,7 +69,7 @@ def test_simplify_solution_after_solve_as_in_ompl(setup):
         setup.simplifySolution(-1)
 
 
-def test_without_danger_ompl_simplifies_and_the_path_stays_proven(scenario, setup):
+def test_without_danger_paths_become_shorter_and_stay_proven(scenario, setup):
     robot, scene = setup.robot, setup.scene
     plain = SafeSetup(robot, scene, danger=None)
     plain.setConfigurations(scenario.start_configuration(robot), scenario.goal_configurations(robot))

@@ -143,6 +143,8 @@ def summary_table(name: str, summaries: Sequence[Summary], title: str | None = N
     table = output.plain_table(title=title, gap=1)
     best = f"; {_BEST} best" if mark_best else ""
     table.caption = f"Medians over the solved runs{best}. near: length of path with less than 50 mm of clearance"
+    if not any(summary.percentile("danger_max") for summary in summaries):
+        table.caption += ". Danger is 0, as no obstacle has a danger weight"
     table.add_column(name, no_wrap=True)
     for column in _COLUMNS:
         # A space at the end of each line: headings stand above the digits, not above the mark.

@@ -402,8 +402,11 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._read = _UNREAD  # also where an error ends this half-way
         objective = self.getProblemDefinition().getOptimizationObjective()
         self._problem.take(objective)
-        if self._problem.cost.is_zero:
-            _log.info("%s: the problem has no danger objective; planning is classical", self.getName())
+        cost = self._problem.cost
+        if cost.is_zero:
+            _log.info("%s: danger is 0, as the problem has no danger objective", self.getName())
+        elif cost.field is not None and not len(cost.field.points):
+            _log.info("%s: danger is 0, as no obstacle has a danger weight", self.getName())
         self._begin_anew()
         self._read = objective
 

@@ -81,17 +81,17 @@ class BubblePlanner(SafePlanner):
         0.05,
         """Margin from all obstacles, dangerous or not. Points nearer than this wait with a penalty of 0.5 m on their
         cost-to-go, and the contracted path keeps it. It is no more than 80 % of what start and goal keep; for points it
-        falls to 60 % after every twelve of them, and ends below 20 mm. It is in force while danger has weight, and
-        needs a `CertifiedMotionValidator`. 0 for none.""",
+        falls to 60 % after every twelve of them, or every 48 where nothing is dangerous, and ends below 20 mm. It acts
+        where α > 0, in turns that do not ignore danger, and needs a `CertifiedMotionValidator`. 0 for none.""",
         unit="m",
         kept_in="_margin.largest",
     )
 
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
-        self._decay = DangerDecay(self._danger)
         self._descent = TangentialDescent(self._bridge, self._danger)
         self._margin = Margin(self._problem, self._danger, WORTHWHILE)
+        self._decay = DangerDecay(self._danger, self._margin)
         self._band = ElasticBand(self._problem, self._danger, self._descent)
 
     # ------------------------------------------------------------------------------- the paper's pseudocode

@@ -163,7 +163,8 @@ class Growth:
         s["slope"] = danger.slope if danger.whole_weight else 0.0
         s["share"] = self.descent.share if danger.cost.has_gradients else 0.0
         s["rise"], s["nodes"], s["steps"] = self.rise, trees.counts.nodes, _STEPS
-        s["margin"], s["least_margin"], s["too_near"] = margin.level or 0.0, margin.least, margin.refusals
+        s["margin"], s["least_margin"], s["too_near"] = margin.wanted, margin.least, margin.refusals
+        s["patience"] = margin.patience
         if decay is not None:
             s["half_life"], s["turns"] = decay.half_life if decay.acts else 0.0, decay.turns
         s["kept"], s["places"], s["evaluations"] = -1.0, 0, 0
@@ -172,7 +173,7 @@ class Growth:
         """Tell the parts what has become of it."""
         s, margin = self._search[0], self.margin
         self.danger.scale, trees.counts.nodes = float(s["scale"]), int(s["nodes"])
-        if margin.level:
+        if margin.wanted:
             margin.level, margin.refusals = float(s["margin"]), int(s["too_near"])
         if self.decay is not None:
             self.decay.turns = int(s["turns"])

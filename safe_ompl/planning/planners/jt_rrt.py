@@ -55,7 +55,7 @@ class SafeJTRRT(SafePlanner):
     * random steps descend sideways and keep to a threshold (`slide`, `threshold_rise`): lower danger;
     * CDF_Threshold is that of random steps; what `max_danger` forbids is proven not to happen;
     * motions keep a margin, as long as they can (`clearance`): obstacles that are not dangerous are not grazed, either;
-    * danger loses weight where no path is found (`danger_decay`): it costs no solution;
+    * danger and margin lose weight where no path is found (`danger_decay`): they cost no solution;
     * α is relative to the usual slope of the danger: one default serves all robots.
 
     References
@@ -103,9 +103,8 @@ class SafeJTRRT(SafePlanner):
     danger_decay = SafeRRTConnect.danger_decay
     clearance = Parameter(
         0.05,
-        """Largest margin that motions keep from all obstacles, dangerous or not. It is no more than 80 % of what the
-        start keeps, falls to 60 % after every twelve trapped steps, and ends below 10 mm. It is in force while danger
-        has weight, and needs a `CertifiedMotionValidator`. 0 for none.""",
+        """Largest margin that motions keep from all obstacles, as for `SafeRRTConnect`. It is no more than 80 % of what
+        the start keeps, and ends below 10 mm. 0 for none.""",
         unit="m",
         kept_in="_margin.largest",
     )
@@ -114,9 +113,9 @@ class SafeJTRRT(SafePlanner):
 
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
-        self._decay = DangerDecay(self._danger)
         self._descent = TangentialDescent(self._bridge, self._danger)
         self._margin = Margin(self._problem, self._danger, _LEAST_MARGIN)
+        self._decay = DangerDecay(self._danger, self._margin)
         self._growth = Growth(self._problem, self._danger, self._descent, self._margin)
         self._step = GoalStep(self._problem)
         self._goal: Any = None

@@ -88,8 +88,8 @@ class SafePRM(SafePlanner):
         0.05,
         """Margin from all obstacles, dangerous or not. Edges that do not keep it are penalised by four times the range,
         and again if they do not keep 30 % of it. The margin is no more than 80 % of what start and goal keep, falls to
-        60 % each time when samples do not suffice, and ends below 20 mm. It is in force while danger has weight, and
-        needs a `CertifiedMotionValidator`. 0 for none.""",
+        60 % each time when samples do not suffice, and ends below 20 mm. It acts where α > 0, also where nothing is
+        dangerous, and needs a `CertifiedMotionValidator`. 0 for none.""",
         unit="m",
         kept_in="_margin.largest",
     )

@@ -13,13 +13,16 @@ from safe_ompl.collision import MotionProver, PairSet
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, StateCost, bridge_of
 from safe_ompl.planning.planners.tree import Trees
-from safe_ompl.planning.planners.turns import NARROW_PLACE, danger_share, lowered_margin
+from safe_ompl.planning.planners.turns import danger_share, lowered_margin
 from safe_ompl.robot import JointLimits, Robot, ScratchState
 
 _SHARE = 0.8  # of what start and goal keep; with all of it no motion could leave them
 _LEAST = 5e-4  # [m]; below this there is none
 _EXAMINED = 5  # starts, and goals
 _HALVINGS = 5  # of the logarithm of what start and goal keep: to within 15 %
+# Motions that are refused before the margin falls. Where nothing is dangerous no gradient moves steps away from
+# obstacles, so that more of them are refused in the open, too.
+_REFUSALS, _REFUSALS_WITHOUT_DANGER = 12, 48
 WORTHWHILE = 0.02  # [m]; where start and goal keep less, penalties cost time and lead nowhere else
 
 
@@ -147,14 +150,14 @@ class DangerWeight:
 
 
 class DangerDecay:
-    """Lowers the weight of danger the longer no path is found, so that weighing danger never costs a solution.
+    """Lowers the weight of danger the longer no path is found, so that danger and margin never cost a solution.
 
     After t turns the scale of the danger is 1/(1 + (t/`half_life`)⁴): 1/2 after `half_life` turns, and 1/100 after
-    three times as many. With a half-life of 0 there is no decay.
+    three times as many. With a half-life of 0 there is no decay. Turns that ignore danger keep no margin, either.
     """
 
-    def __init__(self, danger: DangerWeight) -> None:
-        self._danger = danger
+    def __init__(self, danger: DangerWeight, margin: Margin) -> None:
+        self._danger, self._margin = danger, margin
         self.half_life = 0.0
         self.turns = 0
 
@@ -177,8 +180,9 @@ class DangerDecay:
 
     @property
     def acts(self) -> bool:
-        """Whether there is a decay."""
-        return self.half_life > 0 and self._danger.alpha > 0 and not self._danger.cost.is_zero
+        """Whether there is a decay, and something that decays."""
+        matters = not self._danger.cost.is_zero or self._margin.wanted > 0
+        return self.half_life > 0 and self._danger.alpha > 0 and matters
 
     @property
     def _share(self) -> float:
@@ -189,9 +193,10 @@ class DangerDecay:
 class Margin:
     """The clearance that motions should keep: nearly what start and goal keep, but no more than the largest.
 
-    The danger field accounts for dangerous obstacles only, so a way around them could graze all others. The margin is
-    proven by the same queries as that a motion is free, while danger has weight. `largest`, `level`, the margin at
-    present, and `allowed`, what start and goal allow, are in metres; before these were examined there is no level.
+    The danger field accounts for dangerous obstacles only, so a way around them could graze all others. So the margin
+    belongs to every safe planner (α > 0), also where nothing is dangerous. Only turns that ignore danger keep none. It
+    is proven by the same queries as that a motion is free. `largest`, `level`, the margin at present, and `allowed`,
+    what start and goal allow, are in metres; before start and goal were examined there is no level.
     """
 
     def __init__(self, problem: PlanningProblem, danger: DangerWeight, least: float = _LEAST) -> None:
@@ -222,12 +227,22 @@ class Margin:
     @property
     def is_unknown(self) -> bool:
         """Whether there is to be a margin, and start and goal were not examined yet."""
-        return self.level is None and self.largest > 0 and self._danger.weight > 0
+        return self.level is None and self.largest > 0 and self._danger.alpha > 0 and self._danger.scale > 0
 
     @property
     def in_force(self) -> float:
-        """The margin [m] while danger has weight; 0 for none."""
-        return self.level if self.level and self._danger.weight else 0.0
+        """The margin [m] in this turn; 0 for none."""
+        return self.wanted if self._danger.scale else 0.0
+
+    @property
+    def wanted(self) -> float:
+        """The margin [m] in turns that do not ignore danger; 0 for none, as in classical planners."""
+        return self.level if self.level and self._danger.alpha else 0.0
+
+    @property
+    def patience(self) -> int:
+        """How many motions are refused before the margin falls."""
+        return _REFUSALS if self._danger.whole_weight else _REFUSALS_WITHOUT_DANGER
 
     def motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether the motion between two configurations (n,) is free, and keeps the margin; count a refusal."""
@@ -239,9 +254,9 @@ class Margin:
         return False
 
     def refuse(self) -> None:
-        """Count a refusal; every twelfth lowers the margin."""
+        """Count a refusal; when `patience` is used up the margin is lowered."""
         self.refusals += 1
-        if self.refusals % NARROW_PLACE == 0:
+        if self.refusals % self.patience == 0:
             self.lower()
 
     def lower(self) -> None:

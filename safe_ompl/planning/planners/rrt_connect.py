@@ -31,7 +31,7 @@ class SafeRRTConnect(SafePlanner):
     * once a tree has more than 64 nodes, the smaller one has eight of nine turns (all of them in [3], §5.5.3): a
       narrow place around a start or a goal is left sooner;
     * motions keep a margin, as long as they can (`clearance`): obstacles that are not dangerous are not grazed, either;
-    * danger loses weight where no path is found (`danger_decay`): it costs no solution;
+    * danger and margin lose weight where no path is found (`danger_decay`): they cost no solution;
     * α is relative to the usual slope of the danger: one default serves all robots.
 
     References
@@ -70,16 +70,17 @@ class SafeRRTConnect(SafePlanner):
     )
     danger_decay = Parameter(
         100.0,
-        """Number of turns after which half of the turns ignore danger; after three times as many nearly all do. So
-        danger that keeps the planner out of a narrow place costs no more than about that many turns. 0 for no
+        """Number of turns after which half of the turns ignore danger and margin; after three times as many nearly all
+        do. So danger that keeps the planner out of a narrow place costs no more than about that many turns. 0 for no
         decay.""",
         kept_in="_decay.half_life",
     )
     clearance = Parameter(
         0.05,
-        """Largest margin that motions keep from all obstacles, dangerous or not. It is no more than 80 % of what start
-        and goal keep, and falls to 60 % after every twelve trapped steps. It is in force while danger has weight, and
-        needs a `CertifiedMotionValidator`. 0 for none.""",
+        """Largest margin that motions keep from all obstacles, dangerous or not, also where nothing is dangerous. It is
+        no more than 80 % of what start and goal keep. It falls to 60 % after every twelve trapped steps, or every 48
+        where nothing is dangerous. It acts where α > 0, in turns that do not ignore danger (`danger_decay`), and needs
+        a `CertifiedMotionValidator`. 0 for none.""",
         unit="m",
         kept_in="_margin.largest",
     )
@@ -89,9 +90,9 @@ class SafeRRTConnect(SafePlanner):
 
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
-        self._decay = DangerDecay(self._danger)
         self._descent = TangentialDescent(self._bridge, self._danger)
         self._margin = Margin(self._problem, self._danger)
+        self._decay = DangerDecay(self._danger, self._margin)
         self._growth = Growth(self._problem, self._danger, self._descent, self._margin, self._decay)
 
     def _search(self, ptc: Any) -> FloatArray | None:

@@ -20,8 +20,7 @@ from safe_ompl.planning.planners.nearest import BoxTree, nearest
 from safe_ompl.robot.kernels import bounded, descend, steer, way
 
 _SHARPNESS = 4  # of the decay: easy problems are solved before danger loses weight
-NARROW_PLACE = 12  # motions that are refused before the margin falls …
-_FALL = 0.6  # … to this share of itself
+_FALL = 0.6  # to this share of itself a margin falls
 _DANGEROUS = 8  # nodes that are refused before the threshold rises
 _RARE = 4  # if obstacles refuse so many times as many steps as danger does, proofs go first
 _SHORTEST = 0.05  # of a whole step
@@ -42,6 +41,7 @@ _NUMBERS = (
     *("old", "node", "new"),  # where a step begins; the last node; the one to connect to
     *("turns", "left", "in_a_row", "steps", "drawn"),  # the last three: of one tree; until a pause; random numbers
     *("nodes", "enough"),  # in both trees; with more of them goals are asked for
+    "patience",  # motions that are refused before the margin falls
     *("outcome", "candidate", "looks", "proof_first", "held", "answer"),  # of a step; −1: there is no answer
     *("blocked", "dangerous", "refused", "too_near"),  # candidates; those since the threshold, and the margin, began
     *("own_danger", "own_proofs", "places", "evaluations"),  # what the kernel can do itself, and how often it did
@@ -289,9 +289,9 @@ def _look(s: Any, tree: Nodes, danger: PointDanger, proofs: Proofs, step: Step) 
                 return MOTION
             answer = int(number == 0)
         if answer == 0:
-            if s.margin > 0.0 and s.alpha * s.scale > 0.0:
+            if s.margin > 0.0 and s.scale > 0.0:
                 s.too_near += 1
-                if s.too_near % NARROW_PLACE == 0:
+                if s.too_near % s.patience == 0:
                     s.margin = lowered_margin(s.margin, s.least_margin)
             s.blocked += int(s.length > s.range)
             if s.candidate == 1:
@@ -323,7 +323,7 @@ def _look(s: Any, tree: Nodes, danger: PointDanger, proofs: Proofs, step: Step) 
 @part
 def _proof(s: Any, q: FloatArray, new: FloatArray, proofs: Proofs) -> int:
     """Return 0 if the motion between a node and a new one is proven, −1 if it is not free, more if neither is known."""
-    margin = s.margin if s.alpha * s.scale > 0.0 else 0.0
+    margin = s.margin if s.scale > 0.0 else 0.0
     if s.kept != margin:
         required, most = proofs.tables.required, -inf
         for p in range(len(proofs.least)):
@@ -359,13 +359,14 @@ def _go_on(s: Any, trees: tuple[Nodes, Nodes], space: Space, target: FloatArray,
     """Go on after a step of a turn.
 
     Where a step was trapped a shorter one may lead out of a narrow place; elsewhere it would double the checks and make
-    for paths that graze obstacles. So while danger has weight only nodes whose last step was trapped, too, get one.
+    for paths that graze obstacles. So while danger has weight, or there is a margin, only nodes whose last step was
+    trapped, too, get one.
     """
     tree = trees[s.side]
     if s.outcome == TRAPPED and s.role == EXTEND:
         narrow = tree.marks[s.old, NARROW]
         tree.marks[s.old, NARROW] = True
-        if narrow or not s.alpha * s.scale > 0.0:
+        if narrow or not (s.scale > 0.0 and (s.alpha > 0.0 or s.margin > 0.0)):
             _bring_nearer(s, tree.rows[s.old], space, target, draws)
             s.role, s.phase = SHORTER, STEP
             return

@@ -195,6 +195,8 @@ class PathReport:
         """Say in three lines how long and dangerous the path is, how near it passes, and what is proven."""
         danger, clearance, unknown = self.danger, self.clearance, self.links_without_collision
         said = "" if danger is None else f", danger mean {danger.mean:.3f}, max {danger.max:.3f}"
+        if danger is not None and not danger.max:  # only without danger points
+            said = ", danger 0 (no obstacle has a danger weight)"
         near = "clearance: no obstacle"
         if clearance.obstacle is not None:
             near = f"clearance {1e3 * clearance.min:.1f} mm, {clearance.link} from {clearance.obstacle}"

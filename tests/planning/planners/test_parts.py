@@ -141,7 +141,7 @@ def test_the_weight_is_relative_to_the_usual_slope(plane, danger):
 
 @pytest.mark.parametrize("half_life", [0, 20])
 def test_danger_fades_to_half_and_to_next_to_nothing_or_turn_by_turn(danger, half_life):
-    decay, rng = DangerDecay(danger), np.random.default_rng(1)
+    decay, rng = DangerDecay(danger, Margin(danger._problem, danger)), np.random.default_rng(1)
     decay.half_life = half_life
 
     def scales(turn, *args):

@@ -11,7 +11,19 @@ import numpy as np
 import pytest
 from ompl import base as ob, geometric as og, util as ou
 
-from safe_ompl import SafeRRTConnect, SafeSetup, Scenario, make_planner, planner_data, planner_names
+from safe_ompl import (
+    Cylinder,
+    Obstacle,
+    Pose,
+    Robot,
+    SafeRRTConnect,
+    SafeSetup,
+    Scenario,
+    Scene,
+    make_planner,
+    planner_data,
+    planner_names,
+)
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import is_ours, needs_place
 from safe_ompl.planning.planners.problem import Margin
@@ -267,11 +279,50 @@ def test_clearance_keeps_paths_from_obstacles_that_nobody_calls_dangerous(shelf,
     assert within > least_clearance(0.0)
 
 
+# Least clearance [m] of paths around a pillar, which start and goal are far from. SafePRM takes edges that keep less
+# than the margin of 50 mm with a penalty, and SafeJTRRT lowers the margin after a few trapped steps.
+LEAST = {"SafeRRTConnect": 0.045, "SafePRM": 0.03, "SafeJTRRT": 0.04, "BubblePlanner": 0.05}
+
+
+@pytest.mark.parametrize("weight", [0.0, 1.0, None])
+@pytest.mark.parametrize(("name", "least"), LEAST.items())
+def test_every_safe_planner_keeps_a_margin_with_danger_and_without(name, least, weight):
+    setup = beside_a_pillar(weight)
+    runs = [setup.plan(name, time=30.0, seed=seed) for seed in range(1 if name == "BubblePlanner" else 8)]
+    assert min(run.report.clearance.min for run in runs) > least
+    simplified = setup.plan(name, time=30.0, seed=0, simplify=True)
+    assert simplified.report.clearance.min > runs[0].report.clearance.min - 1.1e-4
+    assert simplified.report.length <= runs[0].report.length
+
+
+def test_what_plans_classically_keeps_no_margin():
+    setup = beside_a_pillar(0.0)
+    for name in ("ClassicRRTConnect", "RRTConnect"):
+        assert min(setup.plan(name, time=30.0, seed=seed).report.clearance.min for seed in range(8)) < 0.03
+
+
+def beside_a_pillar(weight):
+    """Return a setup of an arm that is to turn from one side of a pillar to the other; without danger if None."""
+    pillar = Obstacle("pillar", Cylinder(0.06, 1.2), Pose((0.55, 0.0, 0.6)), weight=weight or 0.0)
+    setup = SafeSetup(Robot.from_example("ur5"), Scene((pillar,)), danger=None if weight is None else {})
+    start = np.array([-0.9, -1.2, 1.4, -1.7, -1.57, 0.0])
+    goal = start + 2.0 * np.eye(6)[0]
+    setup.setWorkspaceGoal(setup.robot.tip_pose(goal).translation)
+    setup.setConfigurations(start, goal)
+    return setup
+
+
+@pytest.mark.parametrize("danger", [{}, None])
 @pytest.mark.parametrize("name", SAFE)
-def test_clearance_costs_no_solution_where_no_motion_keeps_it(shelf, name, monkeypatch):
+def test_clearance_costs_no_solution_where_no_motion_keeps_it(shelf, name, danger, monkeypatch):
     """The floor is nearer than the margin wherever the arm is, and the margin is not cut to what the ends keep."""
     monkeypatch.setattr(Margin, "_allowed_by", lambda self, ends: LARGE)
-    assert shelf.plan(name, time=60.0, seed=0)
+    setup = SafeSetup(shelf.robot, shelf.scene, danger=danger)
+    setup.setWorkspaceGoal(shelf.robot.tip_pose(shelf.problem.goals[0]).translation)
+    setup.setConfigurations(shelf.problem.start, shelf.problem.goals)
+    result = setup.plan(name, time=60.0, seed=0)
+    assert result
+    assert result.counts.nodes < 2000
 
 
 @pytest.mark.parametrize("name", [name for name in OURS if name not in SAFE])
