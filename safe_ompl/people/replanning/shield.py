@@ -34,13 +34,12 @@ from safe_ompl.motions import Motion, RateLimits, State
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guard import Command, Doing, Guard
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits
-from safe_ompl.people.replanning.proposals import Piece, Positions, Velocity, curve_of, least_brake, proposed_cap
+from safe_ompl.people.replanning.proposals import HARDEST, Piece, Positions, Velocity, curve_of, least_brake, proposed_cap
 from safe_ompl.people.replanning.stop_motion import averaging_window
 
 _log = logging.getLogger(__name__)
 
 _CELL = 0.02  # [s] largest cell of a curve
-_HARDEST = 100.0  # [1/s²] bound of the braking where the joints hardly move
 _FASTER = 0.1  # by which ṡ may grow in a tick where people make the robot slow
 _CUTS = 4  # halvings of a piece that is not proven
 _SAME = 1e-6  # [s]
@@ -217,7 +216,7 @@ class Shield(Guard):
         Bends then take less of the accelerations, so that the stop is shorter.
         """
         fast = speed if self._past is None else max(speed, float(np.sqrt(self._past.squares.max())))
-        slow = path.slowed(np.minimum(np.sqrt(path.squares), fast + _FASTER), _CELL, _HARDEST)
+        slow = path.slowed(np.minimum(np.sqrt(path.squares), fast + _FASTER), _CELL, HARDEST)
         fastest = self._proven(slow, s, speed, 1.0, time, self._margin)
         return super()._slower(slow, s, speed, time) if fastest is None else fastest
 
@@ -302,7 +301,7 @@ class Shield(Guard):
 
     def _path(self, curve: Motion) -> GuardedPath:
         path = GuardedPath.along(self.bodies, curve, self.limits, _CELL, proposed_cap)
-        return replace(path, brakes=np.minimum(path.brakes, _HARDEST))
+        return replace(path, brakes=np.minimum(path.brakes, HARDEST))
 
 
 class _Way(NamedTuple):
