@@ -94,7 +94,7 @@ def carried_robot(recipe: Mapping[str, Any], folder: Path) -> Robot:
         robot = Robot(replace(robot.spec, base=recipe["base"]))
     for item in recipe.get("attached", ()):
         held = Attachment.from_mapping(item, folder)
-        options = {"touch_links": held.touch_links, "danger": held.danger}
+        options = {"touch_links": held.touch_links, "touch_depth": held.touch_depth, "danger": held.danger}
         robot = robot.with_attached(held.name, held.shape, held.link, held.pose, **options)
     return robot
 

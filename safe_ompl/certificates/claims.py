@@ -32,6 +32,7 @@ _SHORTEST, _LONGEST = 0.1, 10.0  # vectors that say a direction
 _UNBOUNDED = 1e300  # [m]
 _MOST_POWERS = 16  # of a polynomial
 _DIGITS = 6
+PROGRAM_FORMAT, PROGRAM_VERSION = "safe-ompl program certificate", 2
 
 
 def exact(value: float) -> str:
@@ -204,11 +205,11 @@ class Stops(Section):
         )
 
 
-_RATES = {"velocity": "velocities", "acceleration": "accelerations", "jerk": "jerks"}
+RATES = {"velocity": "velocities", "acceleration": "accelerations", "jerk": "jerks"}
 
 
 def _check_rates(claim: Any, robot: Robot) -> None:
-    for name in _RATES:
+    for name in RATES:
         limits = getattr(claim, name)
         least, most = RATE_BOUNDS[name].values()
         if limits is not None and not (
@@ -219,7 +220,7 @@ def _check_rates(claim: Any, robot: Robot) -> None:
 
 
 def _rates(claim: Any) -> str:
-    limits = {said: getattr(claim, name) for name, said in _RATES.items()}
+    limits = {said: getattr(claim, name) for name, said in RATES.items()}
     within = [f"{name} of ({', '.join(map(at_most, of))})" for name, of in limits.items() if of is not None]
     return f"the joints within {', '.join(within)} [rad or m, s]"
 
@@ -310,7 +311,7 @@ class PolynomialMotion(Section):
                 if widths is not None and not (widths.shape == (count, n) and (widths >= 0).all()):
                     raise InputError(f"must be {count} rows of {n} numbers >= 0", name)
             _check_rates(self, robot)
-            claimed = [getattr(self, name) is not None for name in _RATES]
+            claimed = [getattr(self, name) is not None for name in RATES]
             if claimed != sorted(claimed, reverse=True):
                 raise InputError("needs velocities, and a jerk accelerations besides", "acceleration")
             if claimed[0] and not (self.timed and self.slack is None):
@@ -335,36 +336,21 @@ class PolynomialMotion(Section):
     @property
     def not_claimed(self) -> list[str]:
         """What could be said of it, and is not."""
-        return [name for name in _RATES if self.timed and getattr(self, name) is None]
+        return [name for name in RATES if self.timed and getattr(self, name) is None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Certificate(Section):
-    """All that a certificate says."""
+class Claimed(Section):
+    """What is claimed of one motion."""
 
-    format: str = key(document.one_of, known=[schema.FORMAT])
-    version: int = key(document.one_of, known=[schema.VERSION])
-    source: Any = key(document.plain)  # what the file says it was made from: neither read nor printed
-    robot: RobotDocument = key(document.section, kind=RobotDocument)
-    scene: SceneDocument = key(document.section, kind=SceneDocument)
-    joint_names: tuple[str, ...] = key(document.each, read=document.line)
     motion: PolynomialMotion = key(document.section, kind=PolynomialMotion)
     clearance: Clearance | None = key(document.section, default=None, kind=Clearance)
     danger: Danger | None = key(document.section, default=None, kind=Danger)
     moving_obstacles: MovingObstacles | None = key(document.section, default=None, kind=MovingObstacles)
-    also_sampled: str | None = key(document.line, default=None)
-    digest: str = key(document.sha)
     tool: Tool | None = key(document.section, default=None, kind=Tool)
     trajectory: TimedMotion | None = key(document.section, default=None, kind=TimedMotion)
     margin: float | None = key(document.number, default=None, above=0.0)
     tube: FloatArray | None = key(document.array, default=None)
-
-    @classmethod
-    def read(cls, content: Any) -> Certificate:
-        """Read a certificate from plain data; raise InputError, naming the key, if anything in it has no place."""
-        schema.check_form(content)
-        found: Certificate = document.section("certificate", content, cls)
-        return found
 
     def check_for(self, robot: Robot, scene: Scene) -> None:
         """Raise InputError, naming key and value, unless the claims have a meaning for robot and scene."""
@@ -414,6 +400,72 @@ class Certificate(Section):
         names = ("clearance", "danger", "moving_obstacles", "tool", "tube")
         missing = [name.replace("_", " ") for name in names if getattr(self, name) is None]
         return (*missing, *self.motion.not_claimed, *([] if self.trajectory is None else self.trajectory.not_claimed))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certificate(Claimed):
+    """All that the certificate of one motion says."""
+
+    format: str = key(document.one_of, known=[schema.FORMAT])
+    version: int = key(document.one_of, known=[schema.VERSION])
+    source: Any = key(document.plain)  # what the file says it was made from: neither read nor printed
+    robot: RobotDocument = key(document.section, kind=RobotDocument)
+    scene: SceneDocument = key(document.section, kind=SceneDocument)
+    joint_names: tuple[str, ...] = key(document.each, read=document.line)
+    also_sampled: str | None = key(document.line, default=None)
+    digest: str = key(document.sha)
+
+    @classmethod
+    def read(cls, content: Any) -> Certificate:
+        """Read a certificate from plain data; raise InputError, naming the key, if anything in it has no place."""
+        schema.check_form(content)
+        found: Certificate = document.section("certificate", content, cls)
+        return found
+
+
+# ------------------------------------------------------------------------------------------------------- programs
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact(Section):
+    """Links, or objects that are held, may touch an obstacle, or an object that is held, to a depth [m]."""
+
+    links: tuple[str, ...] = key(document.each, read=document.line, least="link")
+    object: str = key(document.line)
+    depth: float = key(document.number, above=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StretchClaims(Claimed):
+    """One stretch of a program: what changes hands before it, what may touch on it, its motion, what is claimed."""
+
+    step: str = key(document.line, default="")  # in words: neither read nor printed
+    detach: tuple[str, ...] = key(document.each, default=(), read=document.line)  # objects that are put down
+    attach: Mapping[str, str] = key(document.by_name, factory=dict, read=document.line)  # the tip that takes an object
+    contacts: tuple[Contact, ...] = key(document.each, default=(), read=document.section, kind=Contact)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProgramCertificate(Section):
+    """All that the certificate of a program says: the robot and the scene that it begins with, and its stretches."""
+
+    format: str = key(document.one_of, known=[PROGRAM_FORMAT])
+    version: int = key(document.one_of, known=[PROGRAM_VERSION])
+    source: Any = key(document.plain)
+    robot: RobotDocument = key(document.section, kind=RobotDocument)
+    scene: SceneDocument = key(document.section, kind=SceneDocument)
+    joint_names: tuple[str, ...] = key(document.each, read=document.line)
+    stretches: tuple[StretchClaims, ...] = key(
+        document.each, read=document.section, kind=StretchClaims, least="stretch"
+    )
+    digest: str = key(document.sha)
+
+    @classmethod
+    def read(cls, content: Any) -> ProgramCertificate:
+        """Read a certificate from plain data; raise InputError, naming the key, if anything in it has no place."""
+        schema.check_form(content, PROGRAM_FORMAT, PROGRAM_VERSION)
+        found: ProgramCertificate = document.section("certificate", content, cls)
+        return found
 
 
 def _check_known(place: str, kind: str, names: Iterable[str], known: Iterable[str]) -> None:

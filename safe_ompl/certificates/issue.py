@@ -13,10 +13,19 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.certificates.claims import Certificate, Clearance, MovingObstacles, Tool
-from safe_ompl.certificates.verifier.program import PROGRAM_FORMAT, VERSION, verify_program
+from safe_ompl.certificates.claims import (
+    PROGRAM_FORMAT,
+    PROGRAM_VERSION,
+    Certificate,
+    Clearance,
+    MovingObstacles,
+    StretchClaims,
+    Tool,
+)
+from safe_ompl.certificates.verifier.program import Cell, verify_program
 from safe_ompl.certificates.verifier.verify import Terms, verify
 from safe_ompl.collision import (
     CollisionChecker,
@@ -48,7 +57,8 @@ _KIND = ("aggregate", "weighting", "k1", "sharpness")  # of a danger
 _IN_MOTION = ("k2", "gamma")  # what that of a motion in time has besides
 _LEAST_SLACK = 0.03  # of the danger that is claimed, so that it can be confirmed by plain means
 _OF_MOTION = ("times", "coefficients", "timed", "slack", "rounding")
-_SHARED = ("robot", "scene")  # by the stretches of a program
+_SAME_TIME = 1e-6  # [s] rounding of sums of durations
+_SAME_PLACE = 1e-6  # [m and rad] rounding of forward kinematics; what is written down is what the verifier computes
 
 
 def _widths(key: str, value: Any) -> FloatArray | None:
@@ -157,24 +167,30 @@ def _issued(
     said: Mapping[str, Any], motion: Motion, robot: Robot, scene: Scene, source: Mapping[str, Any] | None
 ) -> dict[str, Any]:
     """Return the certificate of a motion; raise PlanningError unless the verifier proves what is said of it."""
-    given = motion.to_mapping()
-    found = signed(
-        {
-            "format": schema.FORMAT,
-            "version": schema.VERSION,
-            "source": source or {},
-            "robot": carried_robot(robot),
-            "scene": carried_scene(scene),
-            "joint_names": list(robot.joint_names),
-            **said,
-            "motion": {key: given[key] for key in _OF_MOTION if key in given} | said.get("motion", {}),
-        }
-    )
+    found = signed({**_carried(schema.FORMAT, schema.VERSION, robot, scene, source), **_stretch(said, motion)})
     try:
         verify(found, robot, scene)
     except CertificateError as error:
         raise PlanningError(f"it cannot be certified by plain means: {error}") from None
     return found
+
+
+def _carried(form: str, version: int, robot: Robot, scene: Scene, source: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return what every certificate has: what it is about."""
+    return {
+        "format": form,
+        "version": version,
+        "source": source or {},
+        "robot": carried_robot(robot),
+        "scene": carried_scene(scene),
+        "joint_names": list(robot.joint_names),
+    }
+
+
+def _stretch(said: Mapping[str, Any], motion: Motion) -> dict[str, Any]:
+    """Return what is claimed of a motion, with the motion itself."""
+    given = motion.to_mapping()
+    return {**said, "motion": {key: given[key] for key in _OF_MOTION if key in given} | said.get("motion", {})}
 
 
 def signed(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -290,15 +306,21 @@ def motion_certificate(
     InputError
         If a limit of it has no claim, as stops beside people, or its danger points are not the scene's.
     """
+    said = _claims_of(check, spacing)
+    return _issued(said, check.motion, check.proof.checker.robot, check.proof.checker.scene, source)
+
+
+def _claims_of(check: MotionCheck, spacing: float | None = None) -> dict[str, Any]:
+    """Return what is claimed of a motion that is proven; errors as `motion_certificate`."""
     if not check:
         more = f", and {len(check.violations) - 1} more" * (len(check.violations) > 1)
         raise PlanningError(f"the motion is not proven, and has no certificate: {check.violations[0]}{more}")
     if check.people is not None:
         raise InputError("stops of such motions have no claim: check it without people", "people")
     proof, separation = check.proof, check.separation
-    robot, scene = proof.checker.robot, proof.checker.scene
+    scene = proof.checker.scene
     speeds, limits = dict(separation.speeds), check.limits
-    said = {
+    return {
         "clearance": clearance_claim(separation.min_clearance, scene),
         "moving_obstacles": {"speeds": speeds, "time": separation.time} if speeds else None,
         **_limits(proof, scene.spacing if spacing is None else spacing),
@@ -306,7 +328,6 @@ def motion_certificate(
         "tube": separation.tube or None,
         "motion": {} if limits is None else {kind: getattr(limits, kind) for kind in limits.kinds},
     }
-    return _issued(said, check.motion, robot, scene, source)
 
 
 def clearance_claim(clear: MinClearance | None, scene: Scene) -> dict[str, Any] | None:
@@ -339,6 +360,8 @@ def program_certificate(
     stretches: Iterable[tuple[float, MotionCheck]],
     source: Mapping[str, Any] | None = None,
     steps: Sequence[str] | None = None,
+    *,
+    begin: tuple[Robot, Scene] | None = None,
 ) -> dict[str, Any]:
     """Return the certificate of a program, as plain numbers, lists and strings, verified.
 
@@ -350,6 +373,8 @@ def program_certificate(
         Where robot and scene come from: kept as it is.
     steps : sequence of str, optional
         What each stretch is for, in words: kept as it is.
+    begin : (Robot, Scene), optional
+        The robot and the scene that the program begins with; default: those of the first stretch.
 
     Raises
     ------
@@ -358,24 +383,71 @@ def program_certificate(
     InputError
         As `motion_certificate`, which see.
     """
-    shared: dict[str, list[Any]] = {name: [] for name in _SHARED}
-    said = []
-    for k, (begin, check) in enumerate(stretches):
+    parts = list(stretches)
+    if not parts:
+        raise InputError("must be one stretch at least, got none", "stretches")
+    first = parts[0][1].proof.checker
+    robot, scene = begin or (first.robot, first.scene.untouched()[0])
+    cell, said, end = Cell(robot, scene), list[dict[str, Any]](), float(parts[0][0])
+    for k, (start, check) in enumerate(parts):
         with within(f"stretch {k}", ": "):
-            whole = motion_certificate(check, source=source)
-        for name in _SHARED:
-            if whole[name] not in shared[name]:
-                shared[name].append(whole[name])
-            whole[name] = shared[name].index(whole[name])
-        said.append({"begin": float(begin), "certificate": whole} | ({"step": steps[k]} if steps else {}))
-    content = {"format": PROGRAM_FORMAT, "version": VERSION, "robots": shared["robot"], "scenes": shared["scene"]}
-    content["stretches"] = said
-    content["digest"] = schema.digest(content)
+            if abs(start - end) > _SAME_TIME and check.motion.timed:
+                words = f"stretch {k} begins at {start:.6f} s, but the one before ends at {end:.6f} s"
+                raise PlanningError(f"the stretches are proven, but not one program: {words}")
+            end = start + check.motion.duration
+            claims = {**_claims_of(check), **({"step": steps[k]} if steps else {}), **_changes(cell, check)}
+            said.append(_stretch(claims, check.motion))
+            stretch: StretchClaims = document.section("claims", schema.as_plain(said[-1]), StretchClaims)
+            cell.change(stretch, check.motion.knots[0])
+            _check_same(*cell.during(stretch.contacts), check, k)
+    content = _carried(PROGRAM_FORMAT, PROGRAM_VERSION, robot, scene, source)
+    found = signed({**content, "stretches": said})
     try:
-        verify_program(content, joints_only=True)
+        verify_program(found, robot, scene)
     except CertificateError as error:
-        raise PlanningError(f"the stretches are proven, but not one program: {error}") from None
-    return content
+        raise PlanningError(f"the stretches are proven, but cannot be certified as one program: {error}") from None
+    return found
+
+
+def _changes(cell: Cell, check: MotionCheck) -> dict[str, Any]:
+    """Return which objects change hands before a stretch, and which contacts are allowed on it."""
+    robot, (_, touched) = check.proof.checker.robot, check.proof.checker.scene.untouched()
+    held = {item.name: item for item in robot.spec.attached}
+    contacts = [{"links": links, "object": name, "depth": depth} for name, (links, depth) in touched.items()]
+    for name, item in held.items():
+        before = cell.held.get(name)
+        own = () if before is None or before.link != item.link else before.touch_links
+        touching = [link for link in item.touch_links if link not in own]
+        if touching and item.touch_depth is not None:
+            contacts.append({"links": touching, "object": name, "depth": item.touch_depth})
+        elif touching:
+            raise InputError(f"{' and '.join(touching)} may touch it to any depth: give it `touch_depth`", name)
+    links = {name: item.link for name, item in cell.held.items()}
+    taken = {name: item.link for name, item in held.items() if links.get(name) != item.link}
+    put = [name for name in links if name not in held or name in taken]
+    said = {"detach": put, "attach": taken, "contacts": contacts}
+    return {name: value for name, value in said.items() if value}
+
+
+def _check_same(robot: Robot, scene: Scene, check: MotionCheck, number: int) -> None:
+    """Raise PlanningError unless a stretch was proven of what the program has there."""
+    own, its = robot.spec, check.proof.checker.robot.spec
+    why = "" if replace(own, attached=()) == replace(its, attached=()) else "its robot is another one"
+    mine = {item.name: item for item in (*scene, *own.attached)}
+    others = {item.name: item for item in (*check.proof.checker.scene, *its.attached)}
+    for name in {*mine} ^ {*others}:
+        why = why or f"{name!r} is in the scene of one of this stretch and the one before, but not of the other"
+    for name, item in mine.items():
+        other = others.get(name, item)
+        if item.shape.kind != other.shape.kind or item.shape.canonical() != other.shape.canonical():
+            why = why or f"{name!r} is another shape than in the stretch before"
+        away = np.abs(pin.log6(item.pose.se3.inverse() * other.pose.se3).vector).max()
+        if away > _SAME_PLACE:
+            why = why or f"{name!r} is {1e3 * away:.3g} mm or mrad from where it was"
+        if getattr(item, "weight", None) != getattr(other, "weight", None):
+            why = why or f"{name!r} is not as dangerous as in the stretch before"
+    if why:
+        raise PlanningError(f"the stretches are proven, but not one program: stretch {number}: {why}")
 
 
 def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
@@ -401,4 +473,5 @@ def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
         },
         max_danger=motion.max_danger,
         stops={} if people is None else _people(people, scene),
+        program=scenario.program,
     )

@@ -105,8 +105,16 @@ def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
     sources = [pair for pair in _sources(robot.spec.resolved(), carried["recipe"]) if "text" in pair[1]]
     names: dict[Path, str] = {}
     content: dict[str, str] = {}
+    meant: list[dict[str, Path]] = [{} for _ in sources]
     for tag in ("collision", "visual"):
-        added = {path for urdf, _ in sources for path in urdf.mesh_files(tag).values()} - names.keys()
+        try:
+            found = [urdf.mesh_files(tag) for urdf, _ in sources]
+        except InputError as error:
+            if tag == "collision":
+                raise
+            _log.warning("%s: saved without visual meshes, its collision bodies are drawn (%s)", robot.name, error)
+            break
+        added = {path for named in found for path in named.values()} - names.keys()
         more = {path: schema.packed(path) for path in sorted(added)}
         if not meshes and sum(map(len, [*content.values(), *more.values()])) > SMALL:
             level = logging.WARNING if tag == "collision" else logging.INFO
@@ -115,10 +123,9 @@ def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
         for path, data in more.items():
             names[path] = f"{sha256(data.encode()).hexdigest()[:32]}{path.suffix.lower()}"
             content[names[path]] = data
-    for urdf, text in sources:
-        meant = {name: path for tag in ("collision", "visual") for name, path in urdf.mesh_files(tag).items()}
-        places = {name: f"package://{_PACKAGE}/{names[path]}" for name, path in meant.items() if path in names}
-        text["text"] = urdf.text(places)
+        meant = [{**before, **named} for before, named in zip(meant, found, strict=True)]
+    for (urdf, text), named in zip(sources, meant, strict=True):
+        text["text"] = urdf.text({name: f"package://{_PACKAGE}/{names[path]}" for name, path in named.items()})
     return {**carried, "meshes": content} if content else carried
 
 

@@ -279,9 +279,9 @@ class SafeSetup(ProblemSetup):
         self._simplification_time = perf_counter() - begin
 
     @property
-    def _lengths_only(self) -> paths.Simplifier:
+    def _lengths_only(self) -> simplification.Simplifier:
         """What makes paths shorter where nothing is dangerous."""
-        return paths.Simplifier(self.checker, DangerField(self.robot, np.empty((0, 3))), self.motion_prover)
+        return simplification.Simplifier(self.checker, DangerField(self.robot, np.empty((0, 3))), self.motion_prover)
 
     def getLastSimplificationTime(self) -> float:
         """Return how long the last simplification took [s]."""

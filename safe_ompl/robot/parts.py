@@ -24,7 +24,7 @@ _SLIDES = (pin.JointModelPX, pin.JointModelPY)
 _NO_LIMIT = np.full(1, np.inf)
 _COLOR = np.array([0.55, 0.62, 0.7, 1.0])  # of objects in the gripper
 _SHAPES = (Box, Sphere, Cylinder, Capsule, Mesh)
-_KEYS = ("link", "touch_links", "danger")
+_KEYS = ("link", "touch_links", "touch_depth", "danger")
 
 
 def read_pose(name: str, value: Any) -> Pose:
@@ -41,7 +41,15 @@ def _shape(name: str, value: Any) -> Shape:
 
 @dataclass(frozen=True)
 class Attachment(Section):
-    """An object that a robot holds."""
+    """An object that a robot holds, fixed to a link.
+
+    Parameters
+    ----------
+    touch_links : sequence of str
+        Links that may touch it. Those that do not move against `link` always may.
+    touch_depth : float, optional
+        How deep these links may be in it, at most [m]; default: to any depth.
+    """
 
     name: str = key(document.text)
     shape: Shape = key(_shape)
@@ -49,6 +57,7 @@ class Attachment(Section):
     pose: Pose = key(read_pose, factory=Pose)
     touch_links: tuple[str, ...] = key(document.each, default=(), read=document.text)
     danger: bool = key(document.flag, default=False)
+    touch_depth: float | None = key(document.number, default=None, above=0.0)
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path | None = None) -> Attachment:
@@ -56,13 +65,16 @@ class Attachment(Section):
         link = document.require(data, "link")
         rest = {name: value for name, value in data.items() if name not in _KEYS}
         body = Obstacle.from_mapping(rest, folder or document.folder_of_document())
-        return cls(body.name, body.shape, link, body.pose, data.get("touch_links", ()), data.get("danger", False))
+        more = {name: data[name] for name in _KEYS[1:] if name in data}
+        return cls(body.name, body.shape, link, body.pose, **more)
 
     def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
         """Return what `from_mapping` reads."""
         data = {"link": self.link, **Obstacle(self.name, self.shape, self.pose, 0.0).to_mapping(folder)}
         if self.touch_links:
             data["touch_links"] = list(self.touch_links)
+        if self.touch_depth is not None:
+            data["touch_depth"] = self.touch_depth
         return {**data, "danger": True} if self.danger else data
 
 
@@ -154,9 +166,17 @@ class RobotParts:
         frame = frame_index(self.model, item.link)
         joint, number = self.model.frames[frame].parentJoint, len(self.body_links)
         bodies = _with_object(self.collision_model, item, self.model, frame)
+        core = whole = range(number, len(bodies.geometryObjects))
+        if item.touch_links and item.touch_depth is not None:
+            # What is deeper within the object is one more of its bodies, which links that may touch it must not touch.
+            with document.within(f"{item.name!r}, {1e3 * item.touch_depth:g} mm deep", ": "):
+                inner = replace(item, shape=item.shape.core(item.touch_depth))
+            bodies = _with_object(bodies, inner, self.model, frame)
+            core = range(whole.stop, len(bodies.geometryObjects))
         for k, (link, body) in enumerate(zip(self.body_links, self.collision_model.geometryObjects, strict=True)):
-            if body.parentJoint != joint and link not in item.touch_links:
-                for own in range(number, len(bodies.geometryObjects)):
+            may_touch = link in item.touch_links
+            if body.parentJoint != joint and not (may_touch and core is whole):
+                for own in core if may_touch else whole:
                     bodies.addCollisionPair(pin.CollisionPair(k, own))
         model, tips = self.model, self.tips
         if item.danger:
@@ -242,7 +262,8 @@ def independent(geometry: pin.GeometryModel) -> pin.GeometryModel:
 def _with_object(geometry: pin.GeometryModel, item: Attachment, model: pin.Model, frame: int) -> pin.GeometryModel:
     """Return a copy of `geometry` with the parts of an object, named as those of a link."""
     copy, link = geometry.copy(), model.frames[frame]
-    for k, part in enumerate(item.shape.parts()):
+    taken = sum(body.name.rsplit("_", 1)[0] == item.name for body in geometry.geometryObjects)
+    for k, part in enumerate(item.shape.parts(), taken):
         place = link.placement * item.pose.se3 * part.placement
         body = pin.GeometryObject(f"{item.name}_{k}", link.parentJoint, frame, place, part.geometry)
         body.meshColor = _COLOR

@@ -19,7 +19,7 @@ from safe_ompl.common import InputError, UnknownNameError
 from safe_ompl.geometry import Pose, PoseLike, Shape
 from safe_ompl.robot.displacement_bounds import DisplacementBounds
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
-from safe_ompl.robot.joints import Mimic
+from safe_ompl.robot.joints import Mimic, frame_index
 from safe_ompl.robot.parts import SIZES, Attachment, Models, RobotParts, independent
 from safe_ompl.robot.spec import RobotSpec
 
@@ -163,6 +163,7 @@ class Robot(ForwardKinematics):
         *,
         touch_links: Sequence[str] = (),
         danger: bool = False,
+        touch_depth: float | None = None,
     ) -> Robot:
         """Return the same robot with an object in its gripper: checked against the scene and against the robot.
 
@@ -179,6 +180,9 @@ class Robot(ForwardKinematics):
             Links that it may touch, such as moving fingers. Those that do not move against `link` it always may.
         danger : bool
             Make the object a link of the skeleton, so that it is dangerous like the arm.
+        touch_depth : float, optional
+            How deep `touch_links` may be in it, at most [m]: what is deeper in the object is checked against them.
+            Default: to any depth. It needs a box, sphere, cylinder or capsule.
 
         Raises
         ------
@@ -186,8 +190,20 @@ class Robot(ForwardKinematics):
             If the shape is another, the link does not exist, or its name is taken.
         """
         where = self.tip if link is None else link
-        item = Attachment(name, shape, where, Pose() if pose is None else Pose.of(pose), tuple(touch_links), danger)
+        place = Pose() if pose is None else Pose.of(pose)
+        return self.holding(Attachment(name, shape, where, place, tuple(touch_links), danger, touch_depth))
+
+    def holding(self, item: Attachment) -> Robot:
+        """Return the same robot with an object in its gripper; errors as `with_attached`."""
         return type(self)(replace(self.spec, attached=(*self.spec.attached, item)), self.shared.holding(item))
+
+    def hand_links(self, link: str) -> tuple[str, ...]:
+        """Return the links of the hand that `link` belongs to: those that joints beyond it move, such as fingers."""
+        model = self.shared.model
+        carrier = model.frames[frame_index(model, link)].parentJoint
+        beyond = set(model.subtrees[carrier]) - {carrier} if carrier else set()
+        bodies = zip(self.shared.body_links, self.shared.collision_model.geometryObjects, strict=True)
+        return tuple(dict.fromkeys(name for name, body in bodies if body.parentJoint in beyond))
 
     def with_accelerations(self, limits: Mapping[str, float]) -> Robot:
         """Return the same robot that knows acceleration limits of its joints [rad/s² or m/s²]; URDFs have none.

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     )
     from safe_ompl.scene.mbm import WHERE_FROM as WHERE_FROM, MbmFile as MbmFile, MbmProblem as MbmProblem
     from safe_ompl.scene.program import (
+        CONTACT_DEPTH as CONTACT_DEPTH,
         Attach as Attach,
         Detach as Detach,
         Gripper as Gripper,

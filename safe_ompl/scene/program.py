@@ -13,7 +13,8 @@ from safe_ompl.geometry import Pose
 from safe_ompl.robot import GoalRegion
 from safe_ompl.scene.constraints import Configuration, pairs_of_names, read_configuration
 
-_DEPTH = 0.001  # [m]
+CONTACT_DEPTH = 0.001
+"""How deep contacts that a step allows may be, unless it says `depth` [m]."""
 _POSE = ("position", "quaternion_xyzw", "rpy", "yaw")
 
 
@@ -36,9 +37,10 @@ class Step(Section):
 class _Contact(Step):
     """A step on which links may touch obstacles."""
 
-    # Pairs of a link, or an object that is held, and an obstacle that may touch; no deeper than this [m]
+    # Pairs of a link, or an object that is held, and an obstacle, or of a link and an object that is held, that may
+    # touch; no deeper than this [m]
     touching: tuple[tuple[str, str], ...] = key(pairs_of_names, default=())
-    depth: float = key(document.number, default=_DEPTH, above=0.0)
+    depth: float = key(document.number, default=CONTACT_DEPTH, above=0.0)
 
 
 @dataclass(frozen=True)

@@ -171,6 +171,23 @@ class Scene(document.Section):
             found.append(obstacle)
         return Scene(tuple(found), self.spacing)
 
+    def untouched(self) -> tuple[Scene, dict[str, tuple[tuple[str, ...], float]]]:
+        """Return the scene before `touched`, and by name of the obstacle which links may touch it, and how deep [m].
+
+        Obstacles that links may touch to any depth stay as they are.
+        """
+        contacts, cores, found = dict[str, tuple[tuple[str, ...], float]](), set[str](), []
+        for obstacle in self.obstacles:
+            begin = f"{obstacle.name}, "
+            own = [name for name in self.names if name.startswith(begin) and name.endswith(CORE)]
+            if obstacle.touched_by and own:
+                depth = max(float(name[len(begin) : -len(CORE)]) / 1e3 for name in own)
+                contacts[obstacle.name] = obstacle.touched_by, depth
+                obstacle = replace(obstacle, touched_by=())
+                cores |= {*own}
+            found.append(obstacle)
+        return Scene(tuple(o for o in found if o.name not in cores), self.spacing), contacts
+
     def moved(self, places: Mapping[str, Any]) -> Scene:
         """Return a scene in which some obstacles are elsewhere; it shares all else with this one.
 

@@ -34,7 +34,7 @@ from safe_ompl.common import (
 )
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion, PathTimer, Trajectory
-from safe_ompl.robot import Attachment, Robot
+from safe_ompl.robot import Robot
 from safe_ompl.scene import Attach, Detach, Goal, Gripper, Line, Move, Scenario, Seam, Wait, configuration_for
 from safe_ompl.tasks.corridor import Corridor
 from safe_ompl.tasks.program_result import ProgramResult, Stretch
@@ -233,10 +233,10 @@ class _ProgramPlanner:
     # ---------------------------------------------------------------------------------------------------- steps
 
     def _move(self, step: Move, state: CellState, branch: FloatArray | None) -> Any:
-        arm, q = self._cell.arm_at(step.arm, state)
-        scene = state.scene.touched(step.touching, step.depth)
+        during = self._cell.during(step, state)
+        arm, q = self._cell.arm_at(step.arm, during)
         goal = Goal(region=step.region) if step.region is not None else None
-        setup = self._cell.setup(arm, scene, q, goal)
+        setup = self._cell.setup(arm, during.scene, q, goal)
         if goal is None:
             wanted = branch
             if step.configuration is not None:
@@ -251,15 +251,15 @@ class _ProgramPlanner:
             raise ImpossibleError(f"no path is found in {left:.2g} s")
         caps = {key: getattr(self._scenario.motion, key) for key in ("tool_speed", "link_speed")}
         timer = PathTimer(arm, self._cell.limits_of(arm), motion=setup.motion_prover, **caps)
-        return self._cell.driven(state, scene, *_points(timer.time(result.path), arm))
+        return self._cell.driven(step, state, *_points(timer.time(result.path), arm))
 
     def _line(self, step: Line | Seam, state: CellState, targets: list[pin.SE3]) -> Any:
-        arm, q = self._cell.arm_at(step.arm, state)
+        during = self._cell.during(step, state)
+        arm, q = self._cell.arm_at(step.arm, during)
         poses = [arm.tip_pose(q), *targets]
         if len(poses) == 2 and np.abs(pin.log6(poses[0].inverse() * poses[1]).vector).max() < _STILL:
             return state, ()
-        scene = state.scene.touched(step.touching, step.depth)
-        setup = self._cell.setup(arm, scene, q)
+        setup = self._cell.setup(arm, during.scene, q)
         corridor = Corridor(step.within, step.angle, step.free_axis)
         path = ToolPath.of(poses)
         limits = self._cell.limits_of(arm)
@@ -268,7 +268,7 @@ class _ProgramPlanner:
             raise ImpossibleError(f"{100 * found.fraction:.0f} % of it can be followed; {found.why}")
         assert found.along is not None
         corners = tuple(np.searchsorted(found.along.times, path.corners - _STILL).tolist())
-        return self._cell.driven(state, scene, found.motion, replace(found.along, timed=False, corners=corners))
+        return self._cell.driven(step, state, found.motion, replace(found.along, timed=False, corners=corners))
 
     def _gripper(self, step: Gripper, state: CellState) -> Any:
         robot = self._cell.holding(state)
@@ -277,22 +277,18 @@ class _ProgramPlanner:
             raise InputError(beyond, "gripper.joints")
         if np.abs(q - state.q).max() < _STILL:
             return state, ()
-        scene = state.scene.touched(step.touching, step.depth)
-        return self._cell.driven(state, scene, *_points(PathTimer(robot, self._cell.limits).time([state.q, q]), robot))
+        trajectory = PathTimer(robot, self._cell.limits).time([state.q, q])
+        return self._cell.driven(step, state, *_points(trajectory, robot))
 
     def _wait(self, step: Wait, state: CellState) -> Any:
         still = np.array([[state.q, np.zeros_like(state.q)]])
-        scene = state.scene.touched(step.touching, step.depth)
-        return self._cell.driven(state, scene, Motion(np.array([0.0, step.time]), still, self._cell.robot.joint_names))
+        return self._cell.driven(step, state, Motion(np.array([0.0, step.time]), still, self._cell.robot.joint_names))
 
     def _attach(self, step: Attach, state: CellState) -> Any:
         if step.object not in state.scene.names:
             raise ImpossibleError(f"{step.object!r} is held already")
-        obstacle = state.scene[step.object]
-        arm, _ = self._cell.arm_at(step.arm, state)
-        pose = self._cell.tip(step.arm, state).inverse() * obstacle.pose.se3
-        item = Attachment(obstacle.name, obstacle.shape, arm.tip, Pose.of(pose), self._cell.finger_links)
-        return state._replace(held=(*state.held, item), scene=state.scene.without(obstacle.name)), ()
+        item = self._cell.taken(state.scene[step.object], step.arm, state)
+        return state._replace(held=(*state.held, item), scene=state.scene.without(item.name)), ()
 
     def _detach(self, step: Detach, state: CellState) -> Any:
         item = next((item for item in state.held if item.name == step.object), None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +11,11 @@ import pinocchio as pin
 
 from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import CollisionError, FloatArray, InputError, UnknownNameError, documents as document
+from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion, MotionCheck, RateLimits, tube_of
 from safe_ompl.planning import SafeSetup, setup_scenario
 from safe_ompl.robot import Attachment, Robot
-from safe_ompl.scene import Attach, Detach, Goal, Gripper, Scenario, Scene
+from safe_ompl.scene import CONTACT_DEPTH, Attach, Detach, Goal, Gripper, Scenario, Scene, Step
 
 _SLOWER, _TRIES = 1.25, 12  # times as long, where stops beside people are too late
 
@@ -111,8 +111,10 @@ class Workcell:
                     if name is not None and name not in things:
                         raise UnknownNameError("object", name, things, key)
                 for link, obstacle in getattr(step, "touching", ()):
-                    links, obstacles = {*self.robot.shared.body_links, *held}, {*things} - held
-                    for name, known in ((link, links), (obstacle, obstacles)):
+                    own = {*self.robot.shared.body_links} - held
+                    # What is held may touch obstacles, and links may touch both.
+                    pairs = (link, own | held), (obstacle, {*things} - (held if link in held else set()))
+                    for name, known in pairs:
                         if name not in known:
                             raise UnknownNameError("link or object", name, sorted(known), "touching")
                     with document.within(f"touching: {obstacle!r}, {1e3 * depth:g} mm deep", ": "):
@@ -127,10 +129,41 @@ class Workcell:
         """Return the robot with all of its joints and what it holds."""
         robot = self.robot
         for item in state.held:
-            robot = robot.with_attached(
-                item.name, item.shape, item.link, item.pose, touch_links=item.touch_links, danger=item.danger
-            )
+            robot = robot.holding(item)
         return robot
+
+    def during(self, step: Step, state: CellState) -> CellState:
+        """Return the state with the contacts that a step allows, with obstacles and with what is held."""
+        pairs, depth = getattr(step, "touching", ()), getattr(step, "depth", 0.0)
+        held = []
+        for item in state.held:
+            links = tuple(link for link, name in pairs if name == item.name)
+            if links:
+                deepest = max(depth, item.touch_depth or 0.0)
+                item = replace(item, touch_links=(*item.touch_links, *links), touch_depth=deepest)
+            held.append(item)
+        names = {item.name for item in held}
+        scene = state.scene.touched([pair for pair in pairs if pair[1] not in names], depth)
+        return state._replace(held=tuple(held), scene=scene)
+
+    def taken(self, obstacle: Obstacle, arm: str | None, state: CellState) -> Attachment:
+        """Return an obstacle as the tip of an arm holds it from now on: the fingers of that hand may touch it.
+
+        They may be as deep in it as steps of the program say that they may, or as steps without `depth` allow it. Of
+        what has nothing so deep, such as a mesh, they must stay free.
+        """
+        moving, _ = self.arm_at(arm, state)
+        pose = self.tip(arm, state).inverse() * obstacle.pose.se3
+        fingers = self.robot.hand_links(moving.tip)
+        pairs = {(link, obstacle.name) for link in fingers}
+        said = [getattr(step, "depth", 0.0) for step in self._program.steps if pairs & {*getattr(step, "touching", ())}]
+        item = Attachment(obstacle.name, obstacle.shape, moving.tip, Pose.of(pose))
+        depth = max(said, default=CONTACT_DEPTH)
+        try:
+            obstacle.shape.core(depth)
+        except InputError:
+            return item
+        return replace(item, touch_links=fingers, touch_depth=depth) if fingers else item
 
     def arm_at(self, arm: str | None, state: CellState) -> tuple[Robot, FloatArray]:
         """Return the robot with the joints of one arm alone, the others locked where they are, and where it is."""
@@ -169,16 +202,6 @@ class Workcell:
         pin.framesForwardKinematics(model, data, robot.pinocchio_configuration(state.q))
         return pin.SE3(data.oMf[model.getFrameId(link)])
 
-    @cached_property
-    def finger_links(self) -> tuple[str, ...]:
-        """The links that joints of grippers move: they may touch what they hold."""
-        shared = self.robot.shared
-        followers = {name for name, mimic in shared.mimics.items() if mimic.primary in self._program.gripper_joints}
-        joints = {shared.model.getJointId(name) for name in (*self._program.gripper_joints, *followers)}
-        bodies = zip(shared.body_links, shared.collision_model.geometryObjects, strict=True)
-        moved = (link for link, body in bodies if joints & set(shared.model.supports[body.parentJoint]))
-        return tuple(dict.fromkeys(moved))
-
     def setup(self, robot: Robot, scene: Scene, q: FloatArray, goal: Goal | None = None) -> SafeSetup:
         """Return a setup for a robot in a scene at a configuration, under the limits of the scenario."""
         limits = self._scenario.limits
@@ -190,19 +213,20 @@ class Workcell:
             return setup_scenario(given, robot)
         except CollisionError:
             pair = CollisionChecker(robot, scene).colliding_pair(q)
-            if pair is None or pair[1] not in scene.names:
+            if pair is None or pair[1] not in (*scene.names, *(item.name for item in robot.attached)):
                 raise
             needs = f"if they may touch on this step, give it `touching: [[{pair[0]}, {pair[1]}]]`"
             raise ImpossibleError(f"{pair[0]!r} touches {pair[1]!r} where it begins: {needs}") from None
 
     def driven(
-        self, state: CellState, scene: Scene, moving: Motion, curve: Motion | None = None
+        self, step: Step, state: CellState, moving: Motion, curve: Motion | None = None
     ) -> tuple[CellState, tuple[Driven, ...]]:
-        """Return the state after a motion of some joints, the proof of it for all of them, and the curve of all."""
-        robot, people = self.holding(state), self._scenario.people
+        """Return the state after a step that moves some joints, the proof for all of them, and the curve of all."""
+        during, people = self.during(step, state), self._scenario.people
+        robot = self.holding(during)
         rows = self.rows(moving.joint_names or ())
         motion = replace(moving.among(robot, state.q, rows), times=moving.times - moving.times[0])
-        setup = self.setup(robot, scene, state.q)
+        setup = self.setup(robot, during.scene, state.q)
         for _ in range(_TRIES):
             check = setup.check(motion, self.limits, people)
             if {violation.kind for violation in check.violations} != {"separation"}:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import pinocchio as pin
 
+from safe_ompl.certificates import Cell, ProgramCertificate
 from safe_ompl.common import FloatArray, InputError, documents as document, finite_array
 from safe_ompl.danger import DangerField
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
@@ -155,18 +156,16 @@ class ViewerContent:
         cls, content: Mapping[str, Any], title: str, package_dirs: Sequence[Path] = ()
     ) -> ViewerContent:
         """Return what the certificate of a program is about; it is shown, not verified. Errors as `of_certificate`."""
-        carried = content["robots"]
-        recipe = {**(carried[0]["recipe"] or {}), "attached": [], "files": {}}
-        bare = built_robot({**carried[0], "recipe": recipe}, package_dirs=package_dirs)
-        robots = [built_robot(one, package_dirs=package_dirs) for one in carried]
-        scenes = [built_scene(one) for one in content["scenes"]]
-        stages = []
-        for k, stretch in enumerate(content["stretches"], 1):
-            proof = stretch["certificate"]
-            number = f"stretch {k} of {len(content['stretches'])}"
-            motion = Motion.from_mapping({**proof["motion"], "joint_names": proof["joint_names"]})
-            among = robots[proof["robot"]], scenes[proof["scene"]]
-            stages.append(_Stage(number, stretch.get("step") or "motion", stretch["begin"], motion, *among))
+        program = ProgramCertificate.read(content)
+        robot, scene = built_robot(program.robot, package_dirs=package_dirs), built_scene(program.scene)
+        cell, stages, begin = Cell(robot, scene), [], 0.0
+        for k, stretch in enumerate(program.stretches):
+            motion = Motion.from_mapping({**content["stretches"][k]["motion"], "joint_names": program.joint_names})
+            cell.change(stretch, motion.knots[0])
+            number = f"stretch {k + 1} of {len(program.stretches)}"
+            stages.append(_Stage(number, stretch.step or "motion", begin, motion, *cell.during(stretch.contacts)))
+            begin += motion.duration
+        bare = Robot(replace(robot.spec, attached=()))
         return _of_stages(bare, stages, title, None)
 
     @cached_property

@@ -23,7 +23,7 @@ from safe_ompl import (
 from safe_ompl.certificates import certificate, motion_certificate, verify
 from safe_ompl.certificates.claims import PolynomialMotion
 from safe_ompl.certificates.verifier.bodies import Separations
-from safe_ompl.certificates.verifier.polynomials import check_polynomials
+from safe_ompl.certificates.verifier.polynomials import RecordedMotion, check_polynomials
 from safe_ompl.certificates.verifier.verify import Terms
 from safe_ompl.collision import Separation, ToolOrientation
 from safe_ompl.danger import CertifiedDanger
@@ -340,7 +340,7 @@ def test_what_the_verifier_accepts_touches_nothing_and_what_is_proven_it_accepts
         claim = PolynomialMotion.from_mapping({key: said[key] for key in keys if key in said})
         claims = OfTube(claim, tube)
         try:
-            check_polynomials(claims, robot, clutter, Separations(robot, clutter, claims))
+            check_polynomials(claims, robot, clutter, Separations(robot, clutter, claims), RecordedMotion(claim))
         except CertificateError:
             refused += 1
             assert not check(motion, robot, clutter, tube=tube)

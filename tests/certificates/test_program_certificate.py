@@ -2,17 +2,20 @@
 
 import copy
 import dataclasses
+import zlib
+from base64 import b64encode
 
+import numpy as np
 import pytest
-from hypothesis import given, strategies as st
 from signing import signed
 
-from safe_ompl import Box, Capsule, CertificateError, InputError, Obstacle, PlanningError, Scenario, Scene, plan_program
+from safe_ompl import CertificateError, InputError, PlanningError, SafeSetup, Scenario, Scene, plan_program
 from safe_ompl.certificates import program_certificate, terms_of, verify_program
-from safe_ompl.certificates.verifier.program import _without_contact
+from safe_ompl.geometry import Box, Obstacle, Pose
 from safe_ompl.io import built_robot
-from safe_ompl.robot import robot_hash
-from safe_ompl.scene import MotionLimits
+from safe_ompl.motions import Motion, RateLimits
+from safe_ompl.robot import Robot, robot_hash
+from safe_ompl.scene import MotionLimits, list_scenarios
 from safe_ompl.scene.constraints import PathLimits
 from safe_ompl.tasks import program_robot
 
@@ -57,163 +60,321 @@ def content(result):
     return program_certificate((stretch.begin, stretch.check) for stretch in result.stretches)
 
 
-def test_it_holds_for_its_scenario_and_says_what_may_touch(content, scenario, result):
-    found = verify_program(content, program_robot(scenario), scenario.scene)
+@pytest.fixture(scope="module")
+def about(scenario):
+    robot = program_robot(scenario)
+    return {"robot": robot, "scene": scenario.scene, "terms": terms_of(scenario, robot)}
+
+
+def test_it_holds_for_its_scenario_and_says_what_may_touch(content, about, result):
+    found = verify_program(content, **about)
     assert not found.own
-    assert f"one motion of {result.duration:.3f} s" in str(found)
-    assert "contact of cube with table" in found.not_covered
+    assert found.claims[:6] == (
+        "every motion of 4 stretches is free",
+        f"they are one motion of {result.duration:.3f} s, without jumps of velocity",
+        "panda_hand_tcp holds cube, where it took it, in stretch 3",
+        "panda_leftfinger and panda_rightfinger may touch cube, no deeper than 1 mm, in stretches 2 to 3",
+        "cube may touch table, no deeper than 1 mm, in stretch 3",
+        "nothing else touches, but what is held and the links that do not move against its tip",
+    )
     assert "and the scene that the file itself carries" in verify_program(content).claims[0]
 
 
-def begin_later(content):
-    content["stretches"][1]["begin"] += 0.01
+# ---------------------------------------------------------------------------------------------------- what is forged
 
 
-def take_elsewhere(content):
-    pose = content["robots"][1]["recipe"]["attached"][0]["position"]
-    pose[2] -= 0.002
+def stretch(content, number=-1):
+    return content["stretches"][number]
 
 
-def leave_out_the_core(content):
-    for scene in content["scenes"]:
-        obstacles = scene["content"]["obstacles"]
-        scene["content"]["obstacles"] = [o for o in obstacles if not o["name"].startswith("table, ")]
+def contacts(content, number=-1):
+    return {contact["object"]: contact for contact in stretch(content, number)["contacts"]}
 
 
-def make_the_core_small(content):
-    for scene in content["scenes"]:
-        for obstacle in scene["content"]["obstacles"]:
-            if obstacle["name"].startswith("table, "):
-                obstacle["box"]["size"] = [0.1, 0.1, 0.01]
+def touch_deeper(content):
+    contacts(content)["table"]["depth"] = 0.01
 
 
-def forget_the_cube(content):
-    scene = content["scenes"][0]["content"]
-    scene["obstacles"] = [o for o in scene["obstacles"] if o["name"] != "cube"]
+def touch_what_is_held_deeper(content):
+    contacts(content)["cube"]["depth"] = 0.01
+
+
+def touch_something_else(content):
+    stretch(content)["contacts"].append({"links": ["panda_link5"], "object": "pole", "depth": 0.001})
+
+
+def touch_with_another_link(content):
+    contacts(content)["cube"]["links"].append("panda_link5")
+
+
+def touch_too_early(content):
+    stretch(content, 0)["contacts"] = [{"links": ["panda_leftfinger"], "object": "cube", "depth": 0.001}]
+
+
+def touch_without_a_depth(content):
+    del contacts(content)["table"]["depth"]
+
+
+def touch_what_is_not_there(content):
+    contacts(content)["table"]["object"] = "bench"
+
+
+def touch_to_no_depth(content):
+    contacts(content)["table"]["depth"] = 0.0
+
+
+def forget_that_the_cube_is_held(content):
+    del stretch(content)["attach"]
+
+
+def take_it_twice(content):
+    stretch(content, 1)["attach"] = {"cube": "panda_hand_tcp"}
+
+
+def take_the_pole(content):
+    stretch(content)["attach"] = {"cube": "panda_hand_tcp", "pole": "panda_hand_tcp"}
+
+
+def take_it_with_the_elbow(content):
+    stretch(content)["attach"] = {"cube": "panda_link4"}
+
+
+def put_down_what_is_not_held(content):
+    stretch(content, 1)["detach"] = ["cube"]
 
 
 def skip_a_stretch(content):
     del content["stretches"][1]
 
 
-def use_another_scene(content):
-    content["stretches"][0]["certificate"]["scene"] = content["stretches"][-1]["certificate"]["scene"]
+def jump(content):
+    for row in stretch(content, 1)["motion"]["coefficients"]:
+        row[0][0] += 1e-5
 
 
-def use_no_scene(content):
-    content["stretches"][0]["certificate"]["scene"] = 17
+def claim_a_distance_from_what_is_touched(content):
+    stretch(content)["clearance"] = {"distance": 0.0001, "obstacles": ["table"]}
 
 
-def hold_from_the_beginning(content):
-    content["stretches"][0]["certificate"]["robot"] = 1
+def claim_a_margin(content):
+    stretch(content)["margin"] = 0.00001
 
 
-def name_a_core_without_a_depth(content):
-    for scene in content["scenes"]:
-        for obstacle in scene["content"]["obstacles"]:
-            if obstacle["name"].startswith("table, "):
-                obstacle["name"] = "table, some mm deep"
+def be_elsewhere(content):
+    content["scene"]["content"]["obstacles"][0]["position"][2] -= 0.01
 
 
-def let_the_pole_be_harmless_later(content):
-    for scene in content["scenes"][1:]:
-        for obstacle in scene["content"]["obstacles"]:
-            obstacle.pop("weight", None)
+def have_no_pole(content):
+    del content["scene"]["content"]["obstacles"][2]
 
 
-def keep_a_distance_from_what_is_touched(content):
-    content["stretches"][-1]["certificate"]["clearance"] = {"distance": 0.0001, "obstacles": ["table"]}
+def have_wider_limits(content):
+    content["robot"]["recipe"]["limits"] = {"panda_joint1": [-3.0, 3.0]}
 
 
-def keep_a_margin_from_all(content):
-    content["stretches"][-1]["certificate"]["margin"] = 0.00001
+def hold_a_rod(content):
+    rod = {"name": "rod", "link": "panda_hand_tcp", "sphere": {"radius": 0.001}, "position": [0.15, 0, -0.05]}
+    content["robot"]["recipe"]["attached"] = [rod]
+
+
+def stand_elsewhere(content):
+    content["robot"]["recipe"]["base"] = {"position": [0.0, 0.0, 0.001]}
+
+
+def have_another_tip(content):
+    content["robot"]["recipe"]["tip"] = "panda_hand"
+
+
+def check_fewer_pairs(content):
+    """Replace the SRDF by one that disables pairs."""
+    pairs = "".join(f'<disable_collisions link1="panda_link0" link2="panda_link{k}"/>' for k in range(1, 8))
+    content["robot"]["recipe"]["srdf"] = {"name": "own.srdf", "text": f'<robot name="panda">{pairs}</robot>'}
+
+
+FORGED = [
+    (touch_deeper, "'cube' may touch 'table' 10 mm deep: the program of the scenario allows 1 mm"),
+    (touch_what_is_held_deeper, "'panda_leftfinger' may touch 'cube' 10 mm deep: the program"),
+    (touch_something_else, "'panda_link5' may touch 'pole' 1 mm deep: the program of the scenario allows 0 mm"),
+    (touch_with_another_link, "'panda_link5' may touch 'cube' 1 mm deep: the program of the scenario allows 0 mm"),
+    (touch_without_a_depth, "contacts.*depth: missing"),
+    (touch_what_is_not_there, "'bench'"),
+    (touch_to_no_depth, "depth: must be"),
+    (forget_that_the_cube_is_held, "stretch 3: "),
+    (take_it_twice, "stretch 1: 'cube' and 'table' are -16.000 mm apart"),
+    (take_the_pole, "'pole' taken by 'panda_hand_tcp': the program of the scenario has it otherwise"),
+    (take_it_with_the_elbow, "'cube' is taken by 'panda_link4', which is the tip of no arm"),
+    (put_down_what_is_not_held, "stretch 1: 'cube' is put down, but not held"),
+    (skip_a_stretch, "stretch 1: it begins .* from where the one before ends"),
+    (jump, "stretch 1: it begins 1e-05 rad or m from where the one before ends"),
+    (claim_a_distance_from_what_is_touched, "clearance.obstacles: 'table' may be touched"),
+    (claim_a_margin, "margin: .* may be touched"),
+    (be_elsewhere, "the scene has changed"),
+    (have_no_pole, "the scene has changed"),
+    (have_wider_limits, "the robot has changed"),
+    (hold_a_rod, "the robot has changed"),
+    (stand_elsewhere, "the robot has changed"),
+    (have_another_tip, "the robot has changed"),
+    (check_fewer_pairs, "the robot has changed"),
+]
 
 
 def resigned(content):
     """Return the content with all hashes and digests that belong to it: whoever tampers can compute them."""
-    for robot in content["robots"]:
-        robot["hash"] = robot_hash(built_robot(robot))
-    for scene in content["scenes"]:
-        scene["hash"] = Scene.from_mapping(scene["content"]).content_hash()
-    for stretch in content["stretches"]:
-        numbers = {name: stretch["certificate"][name] for name in ("robot", "scene")}
-        if max(numbers.values()) < len(content["scenes"]):
-            whole = {name: content[f"{name}s"][number] for name, number in numbers.items()}
-            stretch["certificate"] = {**signed({**stretch["certificate"], **whole}), **numbers}
+    content["robot"]["hash"] = robot_hash(built_robot(content["robot"]))
+    content["scene"]["hash"] = Scene.from_mapping(content["scene"]["content"]).content_hash()
     return signed(content)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (begin_later, "stretch 1: it begins at .* but the one before ends at"),
-        (take_elsewhere, "'cube' is 2 mm or mrad from where it was"),
-        (leave_out_the_core, "cube may touch 'table', to any depth"),
-        (make_the_core_small, "is not what is so deep in 'table'"),
-        (forget_the_cube, "'cube' is in one of this stretch and the one before"),
-        (skip_a_stretch, "stretch 1: it begins"),
-        (use_another_scene, "'cube' is in one of this stretch and the one before"),
-        (use_no_scene, "stretch 0: scene: must be a number from 0 to"),
-        (hold_from_the_beginning, "'cube' is held, and an obstacle, too"),
-        (name_a_core_without_a_depth, "malformed: ValueError"),
-        (let_the_pole_be_harmless_later, "'pole' is not as dangerous as in the stretch before"),
-        (keep_a_distance_from_what_is_touched, "clearance.obstacles: 'table' may be touched"),
-        (keep_a_margin_from_all, "margin: .* may be touched"),
-    ],
-)
-def test_what_is_changed_is_refused(content, change, words):
+@pytest.mark.parametrize(("change", "words"), FORGED, ids=[change.__name__ for change, _ in FORGED])
+def test_what_is_changed_is_refused(content, about, change, words):
     forged = copy.deepcopy(content)
     change(forged)
     with pytest.raises((CertificateError, InputError)):
         verify_program(forged)
     with pytest.raises((CertificateError, InputError), match=words):
-        verify_program(resigned(forged))
+        verify_program(resigned(forged), **about)
 
 
-@given(st.floats(0.1, 90.0), st.floats(1e-5, 0.04), st.floats(2e-9, 0.01), st.sampled_from((-1, 1)), st.booleans())
-def test_cores_are_as_deep_as_they_say_however_large_the_obstacle_is(size, depth, wrong, sign, round_):
-    shape = Capsule(size / 2, 1.0) if round_ else Box([size, 1.0, size])
-    scene = Scene([Obstacle("block", shape)]).touched([("hand", "block")], depth)
-    assert [obstacle.name for obstacle in _without_contact(scene)] == ["block"]
-    core, block = scene.obstacles
-    other = Scene([dataclasses.replace(core, shape=shape.core(depth + sign * min(wrong, 0.9 * depth))), block])
-    with pytest.raises(CertificateError, match="is not what is so deep in 'block'"):
-        _without_contact(other)
+def test_meshes_of_the_file_are_not_those_of_the_robot(tmp_path, data_folder):
+    """A file whose robot has the scenario's recipe and hash, and meshes of another size beside it, has no say."""
+    about, check = lone_robot(tmp_path, data_folder)
+    found = program_certificate([(0.0, check)])
+    forged = copy.deepcopy(found)
+    small = (
+        "\n".join(f"v {x} {y} {z}" for x, y, z in np.eye(3) * 0.01) + "\nv 0 0 0\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n"
+    )
+    forged["robot"]["meshes"] = {"wedge.obj": b64encode(zlib.compress(small.encode())).decode()}
+    with pytest.raises((CertificateError, InputError)):
+        verify_program(signed(forged))
+    assert verify_program(found, package_dirs=[tmp_path])
+    assert verify_program(signed(forged), *about).claims == verify_program(found, *about).claims
 
 
-@pytest.mark.parametrize("name", ["robot", "scene"])
-def test_what_it_must_begin_with_is_that_of_the_first_stretch(content, scenario, name):
-    """Another one that stands first among robots and scenes, where no stretch uses it, is of no use."""
-    forged = copy.deepcopy(content)
-    true = copy.deepcopy(forged[f"{name}s"][0])
-    if name == "scene":
-        for scene in forged["scenes"]:
-            obstacles = scene["content"]["obstacles"]
-            scene["content"]["obstacles"] = [o for o in obstacles if o["name"] != "pole"]
-    else:
-        for robot in forged["robots"]:
-            held = {"name": "rod", "link": "panda_hand_tcp", "sphere": {"radius": 0.001}, "position": [0.15, 0, -0.05]}
-            robot["recipe"]["attached"] = [*robot["recipe"].get("attached", []), held]
-    forged[f"{name}s"].insert(0, true)
-    for stretch in forged["stretches"]:
-        stretch["certificate"][name] += 1
-    forged = resigned(forged)
-    with pytest.raises(CertificateError, match=f"the {name} has changed"):
-        verify_program(forged, program_robot(scenario), scenario.scene)
+def lone_robot(folder, data):
+    """Return robot and scene of a URDF with a mesh of its own, and a proven motion."""
+    (folder / "wedge.obj").write_bytes((data / "wedge.obj").read_bytes())
+    (folder / "arm.urdf").write_text(
+        """<robot name="arm"><link name="base"/><link name="arm"><collision><geometry><mesh filename="wedge.obj"/>
+        </geometry></collision></link><joint name="turn" type="revolute"><parent link="base"/><child link="arm"/>
+        <axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint></robot>"""
+    )
+    robot = Robot.from_urdf(folder / "arm.urdf")
+    scene = Scene([Obstacle("ball", Box((0.1, 0.1, 0.1)), Pose((5.0, 0.0, 0.0)))])
+    setup = SafeSetup(robot, scene, danger=None)
+    return (robot, scene), setup.check(Motion.hermite([0.0, 2.0], [[0.0], [0.5]], [[0.0], [0.0]]))
 
 
-def test_whatever_may_touch_what_is_held_is_said(content):
-    forged = copy.deepcopy(content)
-    forged["robots"][1]["recipe"]["attached"][0]["touch_links"].append("panda_link5")
-    said = "contact of panda_leftfinger and panda_rightfinger and panda_link5 with cube"
-    assert said in verify_program(resigned(forged)).not_covered
+# ----------------------------------------------------------------------------------------------------------- joints
+
+
+def cut(content, slower):
+    """Return the content with its last stretch cut in two, and the second half driven so many times slower."""
+    found = copy.deepcopy(content)
+    first, second = found["stretches"][-1], copy.deepcopy(found["stretches"][-1])
+    half = len(first["motion"]["coefficients"]) // 2
+    for part, rows in ((first, slice(None, half)), (second, slice(half, None))):
+        for name in ("coefficients", "rounding", "slack"):
+            if part["motion"].get(name) is not None:
+                part["motion"][name] = part["motion"][name][rows]
+    first["motion"]["times"] = first["motion"]["times"][: half + 1]
+    times = np.array(second["motion"]["times"][half:])
+    second["motion"]["times"] = (slower * (times - times[0])).tolist()
+    second.pop("attach")
+    found["stretches"].append(second)
+    return signed(found)
+
+
+def test_velocities_do_not_jump_between_stretches(content, about):
+    assert verify_program(cut(content, 1.0), **about)
+    for given in ({}, about):
+        with pytest.raises(CertificateError, match=r"stretch 4: its velocity begins"):
+            verify_program(cut(content, 4.0), **given)
+
+
+@pytest.fixture(scope="module")
+def setup(about):
+    return SafeSetup(about["robot"], about["scene"])
+
+
+def polynomial(setup, positions, velocities, times=(0.0, 1.0), accelerations=None, **options):
+    """Return what is proven of a motion of the first joint, with its position and rates at both ends."""
+    robot = setup.robot
+    given = [np.tile(START, (2, 1))] + [np.zeros((2, robot.n)) for _ in range(2)]
+    for rows, values in zip(given, (positions, velocities, accelerations or (0.0, 0.0)), strict=True):
+        rows[:, 0] += values
+    motion = Motion.hermite(times, *given[: 2 + (accelerations is not None)])
+    limits = RateLimits.of(robot, 2.0, 20.0, options.get("jerk"))
+    return setup.check(motion, None if options.get("bare") else limits)
+
+
+START = [0.0, -0.35, 0.0, -2.3, 0.0, 1.95, 0.785, 0.04]
+
+
+def test_stretches_are_joined_at_their_velocities(setup):
+    parts = [polynomial(setup, (0.0, 0.1), (0.0, 0.2)), polynomial(setup, (0.1, 0.2), (0.2, 0.0))]
+    assert program_certificate([(0.0, parts[0]), (1.0, parts[1])])
+    slow = polynomial(setup, (0.1, 0.2), (0.1, 0.0))
+    with pytest.raises(PlanningError, match=r"stretch 1: its velocity begins 0.1 rad/s"):
+        program_certificate([(0.0, parts[0]), (1.0, slow)])
+    with pytest.raises(PlanningError, match=r"stretch 1 begins at 1.100000 s, but the one before ends at 1.0"):
+        program_certificate([(0.0, parts[0]), (1.1, parts[1])])
+
+
+def test_accelerations_do_not_jump_where_the_jerk_is_limited(setup):
+    def part(positions, velocities, accelerations):
+        return polynomial(setup, positions, velocities, accelerations=accelerations, jerk=300.0)
+
+    first = part((0.0, 0.1), (0.0, 0.2), (0.0, 0.1))
+    assert program_certificate([(0.0, first), (1.0, part((0.1, 0.2), (0.2, 0.0), (0.1, 0.0)))])
+    with pytest.raises(PlanningError, match=r"stretch 1: its acceleration begins"):
+        program_certificate([(0.0, first), (1.0, part((0.1, 0.2), (0.2, 0.0), (-0.1, 0.0)))])
+
+
+def test_jumps_of_position_count_as_motion(setup):
+    """A jump of less than a micrometre in a piece of a microsecond is fast."""
+    first = polynomial(setup, (0.0, 0.1), (0.0, 0.0))
+    after = polynomial(setup, (0.1 + 9e-7, 0.1 + 9e-7), (0.0, 0.0), times=(0.0, 1e-7))
+    with pytest.raises(PlanningError, match=r"stretch 1: motion: velocity of joint 'panda_joint1' above its limit"):
+        program_certificate([(0.0, first), (1.0, after)])
+
+
+def untimed(setup, *positions):
+    rows = np.tile(START, (len(positions), 1))
+    rows[:, 0] += positions
+    return setup.check(Motion.through(rows))
+
+
+def test_stretches_that_are_not_in_time_take_none(setup):
+    path, rest = untimed(setup, 0.0, 0.1), polynomial(setup, (0.1, 0.2), (0.0, 0.0))
+    whole = verify_program(program_certificate([(0.0, path), (0.009, untimed(setup, 0.1, 0.2))]))
+    assert whole.claims[1] == "they are one path"
+    assert {"velocity", "acceleration", "jerk"} <= set(whole.not_claimed)
+    mixed = verify_program(program_certificate([(0.0, path), (1.0, rest)]))
+    assert mixed.claims[1] == "they are one motion, 1 stretches of which are not in time"
+    assert {"velocity", "acceleration", "jerk"} <= set(mixed.not_claimed)
+    with pytest.raises(PlanningError, match="not in time, but does not rest there"):
+        program_certificate([(0.0, path), (1.0, polynomial(setup, (0.1, 0.2), (0.1, 0.0)))])
+
+
+def test_obstacles_do_not_drift(about):
+    """Each scene is compared with what the program makes of the first one, not with the scene before."""
+    robot, scene = about["robot"], about["scene"]
+    parts = []
+    for k in range(3):
+        pole = scene["pole"]
+        moved = pole.moved(Pose(np.add(pole.pose.position, (k * 9e-7, 0.0, 0.0))))
+        there = Scene([moved if o.name == "pole" else o for o in scene], scene.spacing)
+        parts.append((float(k), polynomial(SafeSetup(robot, there), (0.0, 0.0), (0.0, 0.0))))
+    assert program_certificate(parts[:2])
+    with pytest.raises(PlanningError, match=r"stretch 2: 'pole' is 0.0018 mm or mrad from where it was"):
+        program_certificate(parts)
 
 
 def test_limits_must_be_those_of_the_scenario(content, scenario):
     slower = dataclasses.replace(scenario, motion=MotionLimits(velocity=0.5))
     robot = program_robot(slower)
     assert verify_program(content, robot, scenario.scene, terms=terms_of(scenario, robot))
-    with pytest.raises(CertificateError, match="stretch 0: motion: velocity is"):
+    with pytest.raises(CertificateError, match=r"stretch 0: motion: velocity is"):
         verify_program(content, robot, scenario.scene, terms=terms_of(slower, robot))
 
 
@@ -223,11 +384,26 @@ def test_no_clearance_is_claimed_of_what_may_be_touched(scenario):
     found = plan_program(kept)
     assert found, found
     stretches = [(stretch.begin, stretch.check) for stretch in found.stretches]
-    last = [stretch["certificate"]["clearance"] for stretch in program_certificate(stretches)["stretches"]][-1]
+    last = [stretch["clearance"] for stretch in program_certificate(stretches)["stretches"]][-1]
     assert last == {"distance": 0.002, "obstacles": ["pole"]}
 
 
 def test_stretches_that_do_not_follow_each_other_are_not_certified(result):
     parts = [(stretch.begin, stretch.check) for stretch in result.stretches]
-    with pytest.raises(PlanningError, match="not one program: stretch 1"):
-        program_certificate([parts[0], (parts[1][0], parts[2][1])])
+    third = parts[1][0], parts[2][1]
+    with pytest.raises(PlanningError, match=r"stretch 1: it begins .* from where the one before ends"):
+        program_certificate([parts[0], third])
+
+
+def test_a_rod_is_handed_over():
+    """Two hands touch the rod on the stretches before and after it changes hands, each as a step says."""
+    given = Scenario.load(list_scenarios(programs=True)["pandas_handover"])
+    found, robot = plan_program(given), program_robot(given)
+    assert found, found
+    parts = [(stretch.begin, stretch.check) for stretch in found.stretches]
+    content = program_certificate(parts, begin=(robot, given.scene))
+    claims = verify_program(content, robot, given.scene, terms=terms_of(given, robot)).claims
+    assert "left_panda_hand_tcp holds rod, where it took it, in stretches 3 to 6" in claims
+    assert "right_panda_hand_tcp holds rod, where it took it, in stretches 7 to 10" in claims
+    taken = content["stretches"][7]
+    assert (taken["detach"], taken["attach"]) == (["rod"], {"rod": "right_panda_hand_tcp"})

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -108,6 +109,19 @@ def test_meshes_travel_with_the_robot(meshed, tmp_path):
     assert len(back.visual_model.geometryObjects) == drawn
     meshes = [body for body in back.visual_model.geometryObjects if body.meshPath]
     assert meshes, "not the collision bodies in their place"
+
+
+def test_a_robot_without_its_visual_meshes_is_saved(meshed, tmp_path, caplog):
+    """Many packages of robots come without them; planning and proofs need the collision meshes only."""
+    (urdf,) = (tmp_path / "here").rglob("arm.urdf")
+    gone = 'mesh filename="nowhere.stl" scale="0.2 0.2 0.2"'
+    urdf.write_text(urdf.read_text().replace('mesh filename="wedge.obj" scale="0.2 0.2 0.2"', gone))
+    save(replace(meshed, robot=Robot(meshed.robot.spec)), tmp_path / "result.json")
+    assert "nowhere.stl" in caplog.text
+    shutil.rmtree(tmp_path / "here")
+    back = load(tmp_path / "result.json").robot
+    assert robot_hash(back) == robot_hash(meshed.robot)
+    assert len(back.visual_model.geometryObjects) == len(back.collision_model.geometryObjects)
 
 
 def test_meshes_that_do_not_travel_are_looked_for(meshed, tmp_path, monkeypatch, caplog):

@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import InputError, Pose, plan_program
+from safe_ompl import Box, InputError, Obstacle, Pose, Scene, plan_program
+from safe_ompl.robot import Robot
 from safe_ompl.scene import Attach, Detach, Gripper, Scenario, list_scenarios
 from safe_ompl.tasks import program_robot
 
@@ -58,7 +59,10 @@ def result(request):
 
 
 def judged(result):
-    """Yield step, time in it, and penetrations [m] by pair of bodies, by plain Pinocchio and coal, at many instants."""
+    """Yield step, what is held by which tip, and penetrations [m] by pair of bodies, at many instants.
+
+    Plain Pinocchio and coal find them.
+    """
     scenario, robot = result.scenario, result.stretches[0].robot
     model, bodies = robot.shared.model, robot.shared.collision_model
     data, placed = model.createData(), bodies.createData()
@@ -92,7 +96,11 @@ def judged(result):
                 ]
                 pairs = [(a, b) for a in robots for b in things if not fixed(bodies, links, a[0])]
                 pairs += [(a, b) for i, a in enumerate(things) for b in things[:i] if {a[0], b[0]} & set(held)]
-                yield k, set(held), {(a[0], b[0]): -apart(a, b) for a, b in pairs if apart(a, b) < 0}
+                yield (
+                    k,
+                    {name: tip for name, (tip, _) in held.items()},
+                    {(a[0], b[0]): -apart(a, b) for a, b in pairs if apart(a, b) < 0},
+                )
             q = motion.knots[-1]
     assert not left
 
@@ -124,10 +132,10 @@ def test_nothing_touches_but_what_may(result):
     for k, held, found in judged(result):
         said = {frozenset(pair) for pair in getattr(steps[k], "touching", ())}
         for (link, thing), depth in found.items():
-            fingers = "finger" in link and thing in held
+            fingers = "finger" in link and thing in held and held[thing].startswith(link.partition("panda")[0])
             grasping = thing in held and link in ("link7", "left_panda_hand", "right_panda_hand", "panda_hand")
             assert fingers or grasping or frozenset((link, thing)) in said, (k, link, thing, depth)
-            assert fingers or grasping or depth < steps[k].depth + 1e-6, (k, link, thing, depth)
+            assert grasping or depth < getattr(steps[k], "depth", 1e-3) + 1e-6, (k, link, thing, depth)
 
 
 def test_objects_are_where_places_say():
@@ -175,6 +183,50 @@ def test_a_hand_over_grasps_what_the_other_arm_holds():
     assert planned("pandas_handover").choices[:2] == ("grasp 1 of rod", "grasp 2 of rod")
 
 
+def with_step(given, number, **changes):
+    """Return a scenario with one step of its program changed."""
+    steps = list(given.program.steps)
+    steps[number] = replace(steps[number], **changes)
+    return replace(given, program=replace(given.program, steps=tuple(steps)))
+
+
+def test_the_other_hand_touches_what_is_held_only_where_a_step_says_so():
+    given = Scenario.load(list_scenarios(programs=True)["pandas_handover"])
+    number = 7
+    assert given.program.steps[number].touching
+    found = plan_program(with_step(given, number, touching=()), time=20.0)
+    assert not found
+    assert found.why.startswith("step 8 (gripper joints right_panda_finger_joint1 0.0145): ")
+    assert "rod" in found.why
+    deep = with_step(given, number, joints={"right_panda_finger_joint1": 0.0125})
+    assert plan_program(deep, time=20.0).why.startswith("step 8 (gripper ")
+
+
+def holding_a_beam(x, locked="panda_joint2"):
+    """Return a program that takes a beam as far beside the hand, and moves a locked joint of the arm as a gripper."""
+    joints = {"panda_joint2": -0.5, "panda_joint4": -1.5}
+    free = {name: value for name, value in joints.items() if name != locked}
+    values = {**free, "panda_joint6": 1.5, "panda_joint7": 0.785}
+    robot = Robot.from_example("panda", locked={**dict.fromkeys(FINGERS, 0.04), locked: joints[locked]})
+    start = [values.get(name, 0.0) for name in robot.joint_names]
+    pose = robot.tip_pose(np.array(start)) * pin.SE3(np.eye(3), np.array([x, 0.0, 0.05]))
+    beam = Obstacle("beam", Box((0.5, 0.03, 0.03)), pose)
+    steps = [{"attach": "beam"}, {"gripper": {"joints": {locked: joints[locked] - 0.1}}}]
+    return Scenario("fold", robot.spec, Scene([beam]), start=tuple(start), program={"steps": steps})
+
+
+FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
+
+
+@pytest.mark.parametrize("locked", ["panda_joint2", "panda_joint4"])
+def test_links_behind_a_locked_joint_are_no_fingers(locked):
+    """A beam that lies in panda_link2 is no more allowed there than with any other joint of the arm."""
+    assert plan_program(holding_a_beam(0.35, locked))
+    found = plan_program(holding_a_beam(-0.35, locked))
+    assert found.why.startswith(f"step 2 (gripper joints {locked}")
+    assert "'panda_link2' touches 'beam'" in found.why
+
+
 def test_the_grasp_that_fits_the_place():
     assert planned("panda_kitting").choices[0] == "grasp 3 of part"
 
@@ -202,7 +254,7 @@ WRONG = [
     ({"steps": [{"attach": "blue"}]}, "program.steps[0].attach.object: unknown object 'blue'"),
     ({"steps": [{"line": {"place": "red"}}], "places": ()}, "program.places.red: "),
     ({"steps": [{"line": {"up": 0.1, "touching": [["red", "table"]]}}]}, "program.steps[0].line.touching: unknown"),
-    ({"steps": [STEPS[2], {"line": {"up": 0.1, "touching": CUP}}]}, "program.steps[1].line.touching: unknown"),
+    ({"steps": [STEPS[2], {"line": {"up": 0.1, "touching": [["red", "red"]]}}]}, "program.steps[1].line.touching: "),
     (
         {"steps": [{"line": {"up": 0.1, "touching": [["link7", "table"]], "depth": 0.03}}]},
         "program.steps[0].line.touching: 'table', 30 mm deep: size: must be",

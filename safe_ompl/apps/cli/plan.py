@@ -253,7 +253,8 @@ def _plan_program(options: argparse.Namespace, scenario: Scenario) -> int:
     if options.certificate:
         stretches = ((stretch.begin, stretch.check) for stretch in result.stretches)
         names = [said["steps"][stretch.step] for stretch in result.stretches]
-        proof = program_certificate(stretches, source_of(scenario, options.certificate), names)
+        begin = program_robot(scenario), scenario.scene
+        proof = program_certificate(stretches, source_of(scenario, options.certificate), names, begin=begin)
         output.write_json(options.certificate, proof)
     if options.plot:
         draw_program(result, options.plot)

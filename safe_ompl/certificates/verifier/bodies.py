@@ -22,7 +22,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.certificates.claims import Certificate, Tool
+from safe_ompl.certificates.claims import Claimed, Tool
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.common import CertificateError, FloatArray, clock
 from safe_ompl.io import schema
@@ -74,7 +74,7 @@ class Stretch(NamedTuple):
 class Separations:
     """Distances of bodies and obstacles by `names`, pair by pair, how far these can approach, what they must keep."""
 
-    def __init__(self, robot: Robot, scene: Scene, claims: Certificate, budget: Budget = ENDLESS) -> None:
+    def __init__(self, robot: Robot, scene: Scene, claims: Claimed, budget: Budget = ENDLESS) -> None:
         self._robot, self._data, self.budget = robot, robot.shared.model.createData(), budget
         self._links = list(robot.shared.collision_model.geometryObjects)
         self._points = [corners(link.geometry) for link in self._links]

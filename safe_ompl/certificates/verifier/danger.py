@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.certificates.claims import Certificate, Danger, MovingDanger
+from safe_ompl.certificates.claims import Claimed, Danger, MovingDanger
 from safe_ompl.certificates.verifier.bodies import Budget, PlainTool, Stretch, bend_bound, joint_lines, joints_below
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.common import CertificateError, FloatArray, IntArray, within
@@ -108,7 +108,7 @@ class PlainDanger:
 
 
 def check_danger_and_tool(
-    claims: Certificate, robot: Robot, scene: Scene, stretches: Iterable[Stretch], budget: Budget
+    claims: Claimed, robot: Robot, scene: Scene, stretches: Iterable[Stretch], budget: Budget
 ) -> None:
     """Raise CertificateError unless the danger and the tool keep to what is claimed on all stretches of a motion."""
     danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger, budget)

@@ -17,7 +17,7 @@ from math import comb, factorial, perm
 
 import numpy as np
 
-from safe_ompl.certificates.claims import Certificate, PolynomialMotion
+from safe_ompl.certificates.claims import Claimed, PolynomialMotion
 from safe_ompl.certificates.verifier.bodies import GJK, Separations, Stretch, plain_name
 from safe_ompl.certificates.verifier.danger import check_danger_and_tool
 from safe_ompl.common import CertificateError, FloatArray
@@ -34,15 +34,52 @@ _HALVINGS = 50
 _ROUNDING = 1e-13  # relative, of fifty halvings
 
 
-def check_polynomials(claims: Certificate, robot: Robot, scene: Scene, separations: Separations) -> tuple[int, int]:
+class RecordedMotion:
+    """The polynomials of a motion by their control points, and where the motion before it, if there is one, ends."""
+
+    def __init__(self, claim: PolynomialMotion, before: RecordedMotion | None = None) -> None:
+        spans = [Fraction(end) - Fraction(start) for start, end in pairwise(claim.times.tolist())]
+        self.claim, self.before = claim, before
+        self.pieces = [derivatives(*piece) for piece in zip(claim.coefficients, spans, strict=True)]
+        self.begin = [rows[0] for rows in self.pieces[0]]
+        self.end = [rows[-1] for rows in self.pieces[-1]]
+
+    def jumps(self, order: int) -> FloatArray:
+        """Return by how much (K, n) a derivative of some order jumps where pieces begin."""
+        ends = [piece[order][-1] for piece in self.pieces[:-1]]
+        first = self.begin[order]
+        comparable = self.before is not None and (order == 0 or (self.claim.timed and self.before.claim.timed))
+        last = self.before.end[order] if self.before is not None and comparable else first
+        return np.array([np.abs(piece[order][0] - end) for piece, end in zip(self.pieces, [last, *ends], strict=True)])
+
+    def check_joined(self) -> None:
+        """Raise CertificateError unless it goes on as the motion before ends: at its velocity, or both at rest."""
+        before, claim = self.before, self.claim
+        if before is None:
+            return
+        apart = self.jumps(0)[0].max()
+        if apart > _ABOVE[0]:
+            raise CertificateError(f"it begins {apart:.3g} rad or m from where the one before ends")
+        for one, velocity in ((self, self.begin[1]), (before, before.end[1])):
+            if before.claim.timed != claim.timed and one.claim.timed and np.abs(velocity).max() > _ABOVE[1]:
+                raise CertificateError("it meets the one before, of which one is not in time, but does not rest there")
+        limited = claim.jerk is not None or before.claim.jerk is not None
+        for order, kind, unit in ((1, "velocity", "rad/s or m/s"), (2, "acceleration", "rad/s² or m/s²"))[
+            : 1 + limited
+        ]:
+            jump = self.jumps(order)[0].max()
+            if jump > _ABOVE[order]:
+                raise CertificateError(f"its {kind} begins {jump:.3g} {unit} from that with which the one before ends")
+
+
+def check_polynomials(
+    claims: Claimed, robot: Robot, scene: Scene, separations: Separations, motion: RecordedMotion
+) -> tuple[int, int]:
     """Return the number of parts and distances that it took; a CertificateError unless all that is claimed holds."""
-    claim = claims.motion
-    spans = [Fraction(end) - Fraction(start) for start, end in pairwise(claim.times.tolist())]
-    pieces = [derivatives(*piece) for piece in zip(claim.coefficients, spans, strict=True)]
-    allowed = _allowed(claim, pieces)
-    exact = [Stretch(f"piece {k} of the motion", piece[0], allowed[k]) for k, piece in enumerate(pieces)]
+    allowed = _allowed(motion)
+    exact = [Stretch(f"piece {k} of the motion", piece[0], allowed[k]) for k, piece in enumerate(motion.pieces)]
     check_limits(robot, exact)
-    _check_rates(claim, robot, pieces)
+    _check_rates(motion, robot)
     tube = 0.0 if claims.tube is None else claims.tube
     stretches = [piece._replace(width=piece.width + tube + rounded(piece.points)) for piece in exact]
     check_danger_and_tool(claims, robot, scene, stretches, separations.budget)
@@ -131,13 +168,12 @@ def _above(points: FloatArray, limit: FloatArray) -> int | None:
     return None
 
 
-def _allowed(claim: PolynomialMotion, pieces: list[list[FloatArray]]) -> FloatArray:
+def _allowed(motion: RecordedMotion) -> FloatArray:
     """Return how far (K, n) the motion may be from each polynomial; CertificateError if they are not one motion."""
-    ends = [(before[0][-1], after[0][0]) for before, after in pairwise(pieces)]
-    jumps = np.array([np.zeros(pieces[0][0].shape[1]), *(np.abs(a - b) for a, b in ends)])
+    jumps = motion.jumps(0)
     for k in np.flatnonzero((jumps > _ABOVE[0]).any(axis=1)).tolist():
         raise CertificateError(f"motion: piece {k} does not begin where the one before ends")
-    for widths in (claim.slack, claim.rounding):
+    for widths in (motion.claim.slack, motion.claim.rounding):
         jumps += 0.0 if widths is None else widths
     return jumps
 
@@ -153,15 +189,14 @@ def check_limits(robot: Robot, stretches: Iterable[Stretch]) -> None:
                 raise CertificateError(f"{name} leaves the limits of joint {robot.joint_names[joint]!r}")
 
 
-def _check_rates(claim: PolynomialMotion, robot: Robot, pieces: list[list[FloatArray]]) -> None:
+def _check_rates(motion: RecordedMotion, robot: Robot) -> None:
     """Raise CertificateError unless rates keep to their limits; what is limited must not jump before."""
+    claim, pieces = motion.claim, motion.pieces
     limits = [None, claim.velocity, claim.acceleration, claim.jerk]
     kinds = ("position", "velocity", "acceleration", "jerk")
     spans = np.diff(claim.times)[:, None]
     error = np.zeros((len(pieces), robot.n)) if claim.rounding is None else claim.rounding
-    jumps = np.zeros((3, len(pieces), robot.n))
-    for order, k in np.ndindex(3, len(pieces) - 1):
-        jumps[order, k + 1] = np.abs(pieces[k + 1][order][0] - pieces[k][order][-1])
+    jumps = np.array([motion.jumps(order) for order in range(3)])
     degrees = np.array([len(piece) - 1 for piece in claim.coefficients])
     for order, limit in enumerate(limits):
         if limit is None:

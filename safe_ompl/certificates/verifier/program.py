@@ -1,90 +1,136 @@
 """Verifies the certificate of a program: each stretch on its own, and that together they are one motion.
 
-Each begins where, and when, the one before ends. Robots differ in what they hold alone. What is held in one stretch and
-an obstacle in the next, or the other way round, is the same thing in the same place at that instant. Whatever links may
-touch has a core in the scene that they must not touch.
+The file carries motions, which objects change hands between them, and which contacts are allowed; robots and scenes are
+built here from those that the program begins with. What is taken stays where it is in the hand, and what is put down
+where it is in the world, so that nothing can change its shape or drift. What may touch an object must stay out of all
+that is deeper in it than is said.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.certificates.verifier.verify import TIME, Terms, Verified, malformed_refused, verify
-from safe_ompl.common import CertificateError, FloatArray, InputError, Section, clock, documents as document, key
-from safe_ompl.geometry import Obstacle
-from safe_ompl.io import built_robot, built_scene, schema
-from safe_ompl.robot import Robot, robot_hash
-from safe_ompl.scene import CORE, Scene
+from safe_ompl.certificates.claims import RATES, Contact, ProgramCertificate, StretchClaims, at_most
+from safe_ompl.certificates.verifier.bodies import Budget
+from safe_ompl.certificates.verifier.polynomials import RecordedMotion
+from safe_ompl.certificates.verifier.verify import (
+    TIME,
+    Terms,
+    Verified,
+    check_digest,
+    malformed_refused,
+    not_covered,
+    origin,
+    proven,
+)
+from safe_ompl.common import CertificateError, FloatArray, documents as document, number
+from safe_ompl.geometry import Obstacle, Pose
+from safe_ompl.robot import Attachment, Robot
+from safe_ompl.scene import CONTACT_DEPTH, Attach, Detach, Program, Scene, Step
 
-PROGRAM_FORMAT, VERSION = "safe-ompl program certificate", 1
-_SAME = 1e-6  # [rad, m and s] that stretches, and things that change hands, may be apart
-_CORE_ROUNDING = 1e-9  # [m]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Stretch(Section):
-    begin: float = key(document.number, at_least=0.0)
-    step: str = key(document.line, default="")
-    certificate: Mapping[str, Any] = key(document.mapping)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Program(Section):
-    format: str = key(document.one_of, known=[PROGRAM_FORMAT])
-    version: int = key(document.one_of, known=[VERSION])
-    robots: tuple[Mapping[str, Any], ...] = key(document.each, read=document.mapping, least="robot")
-    scenes: tuple[Mapping[str, Any], ...] = key(document.each, read=document.mapping, least="scene")
-    stretches: tuple[_Stretch, ...] = key(document.each, read=document.section, kind=_Stretch, least="stretch")
-    digest: str = key(document.sha)
+_DEEPER = 1e-9  # relative: depths that differ by less are the same
 
 
-@dataclass(frozen=True)
-class _Instant:
-    """Where everything is at one end of a stretch, and when: joints, things by name, danger weights of obstacles."""
+class Cell:
+    """The robot and the scene of a program as objects change hands.
 
-    time: float
-    q: FloatArray
-    things: Mapping[str, tuple[Any, pin.SE3]]
-    weights: Mapping[str, float]
+    Attributes
+    ----------
+    held : dict of str to Attachment
+        What the robot holds, by name.
+    scene : Scene
+        What stands about it.
+    """
 
-    @classmethod
-    def of(cls, time: float, q: FloatArray, robot: Robot, obstacles: Sequence[Obstacle]) -> _Instant:
-        model, data = robot.shared.model, robot.shared.model.createData()
-        pin.framesForwardKinematics(model, data, robot.pinocchio_configuration(q))
-        things = {item.name: (item.shape, item.pose.se3) for item in obstacles}
-        for item in robot.attached:
-            if item.name in things:
-                raise CertificateError(f"{item.name!r} is held, and an obstacle, too")
-            things[item.name] = item.shape, pin.SE3(data.oMf[model.getFrameId(item.link)]) * item.pose.se3
-        return cls(time, q, things, {item.name: item.weight for item in obstacles})
+    def __init__(self, robot: Robot, scene: Scene) -> None:
+        self._first, self.scene = scene, scene
+        self._empty = Robot(replace(robot.spec, attached=())) if robot.spec.attached else robot
+        self._data = self._empty.shared.model.createData()
+        self.held = {item.name: item for item in robot.spec.attached}
 
-    def check_same(self, other: _Instant) -> None:
-        """Raise CertificateError unless everything is in the same place at the same time."""
-        if abs(self.time - other.time) > _SAME:
-            raise CertificateError(f"it begins at {self.time:.6f} s, but the one before ends at {other.time:.6f} s")
-        apart = float(np.abs(self.q - other.q).max())
-        if apart > _SAME:
-            raise CertificateError(f"it begins {apart:.3g} rad or m from where the one before ends")
-        for name in {*self.things} ^ {*other.things}:
-            raise CertificateError(f"{name!r} is in one of this stretch and the one before, but not in the other")
-        for name, (shape, pose) in self.things.items():
-            its, there = other.things[name]
-            if shape.kind != its.kind or shape.canonical() != its.canonical():
-                raise CertificateError(f"{name!r} is another shape than in the stretch before")
-            away = pin.log6(pose.inverse() * there).vector
-            if not np.abs(away).max() <= _SAME:
-                raise CertificateError(f"{name!r} is {1e3 * np.abs(away).max():.3g} mm or mrad from where it was")
-        for name in {*self.weights} & {*other.weights}:
-            if self.weights[name] != other.weights[name]:
-                raise CertificateError(f"{name!r} is not as dangerous as in the stretch before")
+    def change(self, stretch: StretchClaims, q: FloatArray) -> None:
+        """Put down and take what changes hands before a stretch, where the robot is at `q`."""
+        model = self._empty.shared.model
+        pin.framesForwardKinematics(model, self._data, self._empty.pinocchio_configuration(q))
+        for name in stretch.detach:
+            if name not in self.held:
+                raise CertificateError(f"{name!r} is put down, but not held")
+            item = self.held.pop(name)
+            known = self._first[name] if name in self._first.names else Obstacle(name, item.shape)
+            place = self._data.oMf[model.getFrameId(item.link)] * item.pose.se3
+            self.scene = self.scene.with_obstacles(known.moved(Pose.of(place)))
+        for name, link in stretch.attach.items():
+            if name not in self.scene.names:
+                raise CertificateError(f"{name!r} is taken, but is no obstacle")
+            if link not in self._empty.shared.tips:
+                raise CertificateError(f"{name!r} is taken by {link!r}, which is the tip of no arm")
+            taken = self.scene[name]
+            place = self._data.oMf[model.getFrameId(link)].inverse() * taken.pose.se3
+            self.held[name] = Attachment(name, taken.shape, link, Pose.of(place))
+            self.scene = self.scene.without(name)
+
+    def during(self, contacts: Iterable[Contact]) -> tuple[Robot, Scene]:
+        """Return robot and scene while some contacts are allowed."""
+        robot, scene, held = self._empty, self.scene, dict(self.held)
+        for contact in contacts:
+            item = held.get(contact.object)
+            if item is None:
+                scene = scene.touched([(link, contact.object) for link in contact.links], contact.depth)
+                continue
+            deepest = max(contact.depth, item.touch_depth or 0.0)
+            held[item.name] = replace(item, touch_links=(*item.touch_links, *contact.links), touch_depth=deepest)
+        for item in held.values():
+            robot = robot.holding(item)
+        return robot, scene
+
+
+class _Allowed:
+    """What the program of a scenario says of objects that change hands, and of contacts, in the order of its steps."""
+
+    def __init__(self, program: Program, robot: Robot) -> None:
+        self._robot, self._passed = robot, 0
+        self._changes, self._contacts = list[tuple[str, str | None]](), [dict[tuple[str, str], float]()]
+        self._depths: dict[tuple[str, str], float] = {}
+        for step in program.steps:
+            if isinstance(step, (Attach, Detach)):
+                self._changes.append((step.object, self._tip(step)))
+                self._contacts.append({})
+            for pair in getattr(step, "touching", ()):
+                for known in (self._contacts[-1], self._depths):
+                    known[pair] = max(known.get(pair, 0.0), getattr(step, "depth", 0.0))
+
+    def _tip(self, step: Step) -> str | None:
+        """Return the tip that takes an object; None where it is put down."""
+        if isinstance(step, Detach):
+            return None
+        arm = getattr(step, "arm", None)
+        tips = self._robot.shared.tips
+        return tips[0] if arm is None else next(tip for tip in tips if tip.startswith(f"{arm}_"))
+
+    def check(self, stretch: StretchClaims, held: Mapping[str, Attachment]) -> None:
+        """Raise CertificateError unless the program says what changes hands before a stretch, and may touch on it."""
+        changes = [*((name, None) for name in stretch.detach), *stretch.attach.items()]
+        wanted = self._changes[self._passed : self._passed + len(changes)]
+        if sorted(wanted, key=str) != sorted(changes, key=str):
+            said = ", ".join(f"{name!r} {'put down' if tip is None else f'taken by {tip!r}'}" for name, tip in changes)
+            raise CertificateError(f"{said}: the program of the scenario has it otherwise")
+        self._passed += len(changes)
+        for contact in stretch.contacts:
+            for link in contact.links:
+                pair = link, contact.object
+                deepest = self._contacts[self._passed].get(pair, 0.0)
+                if contact.object in held and link in self._robot.hand_links(held[contact.object].link):
+                    deepest = max(deepest, self._depths.get(pair, CONTACT_DEPTH))
+                if contact.depth > deepest * (1 + _DEEPER):
+                    words = f"{link!r} may touch {contact.object!r} {1e3 * contact.depth:g} mm deep"
+                    raise CertificateError(f"{words}: the program of the scenario allows {1e3 * deepest:g} mm there")
 
 
 def verify_program(
@@ -95,7 +141,6 @@ def verify_program(
     terms: Terms | None = None,
     package_dirs: Sequence[Path] = (),
     time: float = TIME,
-    joints_only: bool = False,
 ) -> Verified:
     """Check the certificate of a program: every stretch as `verify` does, and that they are one motion.
 
@@ -107,8 +152,6 @@ def verify_program(
         What it must begin with; default: what the file carries, and then it says nothing of any other.
     terms, package_dirs, time
         As for `verify`; the time is for all stretches together.
-    joints_only : bool
-        Look only at how stretches join, not at each on its own.
 
     Raises
     ------
@@ -117,125 +160,91 @@ def verify_program(
     InputError
         As `verify`.
     """
-    end = clock() + document.number("time", time, above=0.0, kind="number of seconds")
+    budget = Budget(number("time", time, above=0.0, kind="number of seconds"))
     with malformed_refused():
-        schema.check_form(content, PROGRAM_FORMAT, VERSION)
-        program: _Program = document.section("certificate", content, _Program)
-        _check_one_robot(program.robots)
-        robots = [built_robot(carried, package_dirs=package_dirs) for carried in program.robots]
-        scenes = [built_scene(carried) for carried in program.scenes]
-        bare = [_without_contact(one) for one in scenes]
-        found, last = list[Verified](), None
+        program = ProgramCertificate.read(content)
+        about = origin(program, robot, scene, package_dirs)
+        cell, last, counts = Cell(about.robot, about.scene), None, np.zeros(3, dtype=int)
+        allowed = None if terms is None or terms.program is None else _Allowed(terms.program, about.robot)
         for k, stretch in enumerate(program.stretches):
             with _naming(k):
-                r, s = (
-                    _number(stretch.certificate, name, len(of)) for name, of in (("robot", robots), ("scene", scenes))
-                )
-                if last is None:
-                    _check_begin(stretch.begin, robots[r], Scene(bare[s], scenes[s].spacing), robot, scene)
-                whole = {**stretch.certificate, "robot": program.robots[r], "scene": program.scenes[s]}
-                if not joints_only:
-                    left = max(end - clock(), 1e-3)
-                    found.append(verify(whole, robots[r], scenes[s], terms=terms, time=left))
-                times, pieces = whole["motion"]["times"], whole["motion"]["coefficients"]
-                first = _Instant.of(stretch.begin, np.array(pieces[0][0], dtype=float), robots[r], bare[s])
-                if last is not None:
-                    first.check_same(last)
-                over = stretch.begin + times[-1] - times[0]
-                last = _Instant.of(over, np.sum(pieces[-1], axis=0), robots[r], bare[s])
-        if program.digest != schema.digest(content):
-            raise CertificateError("every claim holds, but the file is not as it was written: its digest differs")
-        assert last is not None
-        own = tuple(name for name, given in (("robot", robot), ("scene", scene)) if given is None)
-        return _together(found, last.time, own, robots, scenes)
+                stretch.motion.check_for(about.robot)
+                last = RecordedMotion(stretch.motion, last)
+                last.check_joined()
+                cell.change(stretch, last.begin[0])
+                if allowed is not None:
+                    allowed.check(stretch, cell.held)
+                if terms is not None:
+                    terms.check(stretch)
+                counts += proven(stretch, *cell.during(stretch.contacts), budget, last)
+        check_digest(program.digest, content)
+        edges, intervals, distances = counts.tolist()
+        return Verified(
+            edges,
+            intervals,
+            distances,
+            claims=_sentences(program.stretches, about.words),
+            not_claimed=_not_claimed(program.stretches),
+            not_covered=tuple(not_covered(about.robot, about.scene)),
+            robot=about.robot.name,
+            obstacles=about.scene.names,
+            own=about.own,
+        )
 
 
-def _check_begin(begin: float, first: Robot, among: Scene, robot: Robot | None, scene: Scene | None) -> None:
-    """Raise CertificateError unless the first stretch begins at 0, with the robot and the scene that are given."""
-    if abs(begin) > _SAME:
-        raise CertificateError(f"it begins at {begin:.6f} s, but must at 0")
-    if robot is not None and robot_hash(robot) != robot_hash(first):
-        raise CertificateError(f"the robot has changed: {robot.name!r} is not the one that it was written for")
-    if scene is not None and among.content_hash() != scene.content_hash():
-        raise CertificateError("the scene has changed since it was written")
+def _sentences(stretches: Sequence[StretchClaims], about: str) -> tuple[str, ...]:
+    """Return what holds of all stretches together."""
+    spans = [float(stretch.motion.times[-1] - stretch.motion.times[0]) for stretch in stretches if stretch.motion.timed]
+    said = [f"every motion of {len(stretches)} stretches is free{about}"]
+    lasts = f" of {sum(spans):.3f} s" if len(spans) == len(stretches) else ""
+    joined = "they are one motion" if spans else "they are one path"
+    others = f", {len(stretches) - len(spans)} stretches of which are not in time" if spans and not lasts else ""
+    smooth = ", without jumps of velocity" if lasts and len(stretches) > 1 else ""
+    said.append(f"{joined}{lasts}{others}{smooth}")
+    holds: dict[tuple[str, str], list[int]] = {}
+    touch: dict[tuple[tuple[str, ...], str, float], list[int]] = {}
+    held: dict[str, str] = {}
+    for k, stretch in enumerate(stretches):
+        held = {name: link for name, link in held.items() if name not in stretch.detach} | dict(stretch.attach)
+        for name, link in held.items():
+            holds.setdefault((name, link), []).append(k)
+        for contact in stretch.contacts:
+            touch.setdefault((contact.links, contact.object, contact.depth), []).append(k)
+    said += [f"{link} holds {name}, where it took it, in {_numbers(k)}" for (name, link), k in holds.items()]
+    for (links, name, depth), numbers in touch.items():
+        deep = f"no deeper than {at_most(1e3 * depth)} mm"
+        said.append(f"{' and '.join(links)} may touch {name}, {deep}, in {_numbers(numbers)}")
+    if touch:
+        said.append("nothing else touches, but what is held and the links that do not move against its tip")
+    first, *others_ = ([*stretch.sentences("")[1:]] for stretch in stretches)
+    own = {stretch.motion.sentences[0] for stretch in stretches}
+    return (*said, *(claim for claim in first if claim not in own and all(claim in one for one in others_)))
 
 
-def _together(
-    found: list[Verified], duration: float, own: tuple[str, ...], robots: list[Robot], scenes: list[Scene]
-) -> Verified:
-    """Return what holds of all stretches."""
-    about = f", for the {' and the '.join(own)} that the file itself carries" if own else ""
-    first = f"every motion of {len(found)} stretches is free{about}"
-    joined = f"they are one motion of {duration:.3f} s, in which all that is taken and put down stays in its place"
-    touching = [
-        f"contact of {' and '.join(item.touch_links)} with {item.name}"
-        for robot in robots
-        for item in robot.attached
-        if item.touch_links
-    ]
-    common = [claim for claim in (found[0].claims[1:] if found else ()) if all(claim in one.claims for one in found)]
-    return Verified(
-        edges=sum(one.edges for one in found),
-        intervals=sum(one.intervals for one in found),
-        distances=sum(one.distances for one in found),
-        claims=(first, joined, *common),
-        not_claimed=tuple(dict.fromkeys(claim for one in found for claim in one.not_claimed)),
-        not_covered=tuple(dict.fromkeys([*(claim for one in found for claim in one.not_covered), *touching])),
-        robot=robots[0].name,
-        obstacles=tuple(dict.fromkeys(name for scene in scenes for name in scene.names)),
-        own=own,
-    )
+def _not_claimed(stretches: Sequence[StretchClaims]) -> tuple[str, ...]:
+    """Return what could be claimed of some stretch, and is not; one that is not in time has no rates to claim."""
+    rates = [() if stretch.motion.timed else tuple(RATES) for stretch in stretches]
+    both = zip(stretches, rates, strict=True)
+    return tuple(dict.fromkeys(name for stretch, more in both for name in (*stretch.not_claimed, *more)))
+
+
+def _numbers(numbers: Sequence[int]) -> str:
+    """Return stretches by their numbers, which are in order, neighbours as a range."""
+    runs: list[list[int]] = []
+    for k in numbers:
+        if runs and runs[-1][-1] == k - 1:
+            runs[-1].append(k)
+        else:
+            runs.append([k])
+    named = (str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs)
+    return f"{'stretch' if len(numbers) == 1 else 'stretches'} {', '.join(named)}"
 
 
 @contextmanager
-def _naming(number: int) -> Iterator[None]:
+def _naming(stretch: int) -> Iterator[None]:
     """Put the number of a stretch before every error."""
     try:
-        with document.within(f"stretch {number}", ": "), malformed_refused():
+        with document.within(f"stretch {stretch}", ": "), malformed_refused():
             yield
     except CertificateError as error:
-        raise CertificateError(f"stretch {number}: {error}") from None
-
-
-def _number(said: Mapping[str, Any], name: str, count: int) -> int:
-    """Return which robot or scene a stretch has."""
-    number = document.whole_number(name, said.get(name), at_least=0)
-    if number >= count:
-        raise InputError(f"must be a number from 0 to {count - 1}, got {number}", name)
-    return number
-
-
-def _check_one_robot(carried: Sequence[Mapping[str, Any]]) -> None:
-    """Raise CertificateError unless robots differ in what they hold alone."""
-    for one, other in pairwise(carried):
-        mine, its = (
-            {name: value for name, value in (robot.get("recipe") or {}).items() if name not in ("attached", "files")}
-            for robot in (one, other)
-        )
-        if mine != its or not mine:
-            raise CertificateError("its robots differ in more than what they hold")
-
-
-def _without_contact(scene: Scene) -> list[Obstacle]:
-    """Return the obstacles as they are without contact; CertificateError if contact with one has no depth."""
-    cores: set[str] = set()
-    for obstacle in scene:
-        if not obstacle.touched_by:
-            continue
-        own = [o for o in scene if o.name.startswith(f"{obstacle.name}, ") and o.name.endswith(CORE)]
-        for core in own:
-            depth = float(core.name[len(obstacle.name) + 2 : -len(CORE)]) / 1e3
-            same = core.shape.kind == obstacle.shape.kind and core.pose == obstacle.pose and not core.touched_by
-            wanted = vars(obstacle.shape.core(depth))
-            # A relative tolerance would grow with the obstacle: on one of 50 m it hides half a millimetre.
-            apart = [np.abs(np.subtract(vars(core.shape)[name], wanted[name])).max() for name in wanted] if same else []
-            if not same or max(apart) > _CORE_ROUNDING:
-                raise CertificateError(f"{core.name!r} is not what is so deep in {obstacle.name!r}")
-        if not own:
-            raise CertificateError(f"{' and '.join(obstacle.touched_by)} may touch {obstacle.name!r}, to any depth")
-        cores |= {core.name for core in own}
-    return [
-        Obstacle(obstacle.name, obstacle.shape, obstacle.pose, obstacle.weight, obstacle.color)
-        for obstacle in scene
-        if obstacle.name not in cores
-    ]
+        raise CertificateError(f"stretch {stretch}: {error}") from None

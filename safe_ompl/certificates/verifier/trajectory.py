@@ -15,7 +15,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from safe_ompl.certificates.claims import Certificate, Stops
+from safe_ompl.certificates.claims import Claimed, Stops
 from safe_ompl.certificates.verifier.bodies import PlainSpeeds, Separations, Stretch
 from safe_ompl.certificates.verifier.danger import PlainMovingDanger, check_danger_and_tool
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
@@ -28,7 +28,7 @@ from safe_ompl.scene import Scene
 _ROUNDING = 1e-9
 
 
-def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separations: Separations) -> None:
+def check_trajectory(claims: Claimed, robot: Robot, scene: Scene, separations: Separations) -> None:
     """Raise CertificateError unless the timed motion of a certificate, if it claims one, is as claimed."""
     claim = claims.trajectory
     if claim is None:

@@ -11,18 +11,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from math import isclose
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.certificates.claims import Certificate
+from safe_ompl.certificates.claims import Certificate, Claimed, ProgramCertificate, at_most
 from safe_ompl.certificates.verifier.bodies import Budget, Separations
-from safe_ompl.certificates.verifier.polynomials import check_polynomials
+from safe_ompl.certificates.verifier.polynomials import RecordedMotion, check_polynomials
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
 from safe_ompl.common import CertificateError, InputError, documents as document, files, notebook_html, number
 from safe_ompl.io import built_robot, built_scene, schema
 from safe_ompl.robot import Robot, robot_hash
-from safe_ompl.scene import Scene
+from safe_ompl.scene import Program, Scene
 
 TIME = 600.0  # [s] that verification may take by default
 
@@ -93,24 +93,21 @@ def verify(
     budget = Budget(number("time", time, above=0.0, kind="number of seconds"))
     with malformed_refused():
         claims = Certificate.read(content)
-        with document.within("scene"):
-            carried = built_scene(claims.scene)
-        own = tuple(name for name, given in (("robot", robot), ("scene", scene)) if given is None)
-        if robot is None:
-            with document.within("robot"):
-                robot = built_robot(claims.robot, package_dirs=package_dirs)
-                if robot.name != claims.robot.name:
-                    words = f"is {claims.robot.name!r}, but what it carries is {robot.name!r}"
-                    raise InputError(words, "name")
-        scene = carried if scene is None else scene
-        _check_origin(claims, robot, scene)
+        about = origin(claims, robot, scene, package_dirs)
         if terms is not None:
             terms.check(claims)
-        with np.errstate(over="raise"):  # what is too large to be compared holds nowhere
-            found = _verified(claims, robot, scene, own, budget)
-        if claims.digest != schema.digest(content):
-            raise CertificateError("every claim holds, but the file is not as it was written: its digest differs")
-        return found
+        counts = proven(claims, about.robot, about.scene, budget)
+        check_digest(claims.digest, content)
+        lacking = () if claims.also_sampled is None else (claims.also_sampled,)
+        return Verified(
+            *counts,
+            claims=claims.sentences(about.words),
+            not_claimed=claims.not_claimed,
+            not_covered=(*not_covered(about.robot, about.scene), *lacking),
+            robot=about.robot.name,
+            obstacles=about.scene.names,
+            own=about.own,
+        )
 
 
 @contextmanager
@@ -124,34 +121,71 @@ def malformed_refused() -> Iterator[None]:
         raise CertificateError(f"it is malformed: {type(error).__name__}: {error}") from None
 
 
-def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, ...], budget: Budget) -> Verified:
+class Origin(NamedTuple):
+    """The robot and the scene that a certificate is about, and which of them the file itself carries."""
+
+    robot: Robot
+    scene: Scene
+    own: tuple[str, ...]
+
+    @property
+    def words(self) -> str:
+        """Say so where they are the file's own."""
+        return f", for the {' and the '.join(self.own)} that the file itself carries" if self.own else ""
+
+
+def origin(
+    claims: Certificate | ProgramCertificate, robot: Robot | None, scene: Scene | None, package_dirs: Sequence[Path]
+) -> Origin:
+    """Return robot and scene, those that the file carries where none are given; what it says of them must agree."""
+    with document.within("scene"):
+        carried = built_scene(claims.scene)
+    own = tuple(name for name, given in (("robot", robot), ("scene", scene)) if given is None)
+    if robot is None:
+        with document.within("robot"):
+            robot = built_robot(claims.robot, package_dirs=package_dirs)
+            if robot.name != claims.robot.name:
+                words = f"is {claims.robot.name!r}, but what it carries is {robot.name!r}"
+                raise InputError(words, "name")
+    scene = carried if scene is None else scene
+    _check_origin(claims, robot, scene)
+    return Origin(robot, scene, own)
+
+
+def proven(
+    claims: Claimed, robot: Robot, scene: Scene, budget: Budget, motion: RecordedMotion | None = None
+) -> tuple[int, int, int]:
+    """Return the number of pieces, parts and distances that the proof of all that is claimed of a motion took."""
     claims.check_for(robot, scene)
-    separations = Separations(robot, scene, claims, budget)
-    intervals, distances = check_polynomials(claims, robot, scene, separations)
-    check_trajectory(claims, robot, scene, separations)
+    with np.errstate(over="raise"):  # what is too large to be compared holds nowhere
+        separations = Separations(robot, scene, claims, budget)
+        found = check_polynomials(claims, robot, scene, separations, motion or RecordedMotion(claims.motion))
+        check_trajectory(claims, robot, scene, separations)
+    return len(claims.motion.coefficients), *found
+
+
+def check_digest(said: str, content: Mapping[str, Any]) -> None:
+    """Raise CertificateError unless a file is as it was written."""
+    if said != schema.digest(content):
+        raise CertificateError("every claim holds, but the file is not as it was written: its digest differs")
+
+
+def not_covered(robot: Robot, scene: Scene) -> list[str]:
+    """Return of what nothing is proven: links without collision geometry, contacts that robot and scene allow."""
     lacking = sorted(robot.links_without_collision)
-    about = f", for the {' and the '.join(own)} that the file itself carries" if own else ""
-    not_covered = [f"links without collision geometry: {', '.join(lacking)}"] if lacking else []
-    not_covered += [
-        f"contact of {' and '.join(obstacle.touched_by)} with {obstacle.name}"
-        for obstacle in scene
-        if obstacle.touched_by
+    held = [(item.touch_links, item.name, item.touch_depth) for item in robot.attached if item.touch_links]
+    touched = [(obstacle.touched_by, obstacle.name, None) for obstacle in scene if obstacle.touched_by]
+    return [
+        *([f"links without collision geometry: {', '.join(lacking)}"] if lacking else []),
+        *(
+            f"contact of {' and '.join(links)} with {name}"
+            + ("" if depth is None else f" no deeper than {at_most(1e3 * depth)} mm")
+            for links, name, depth in (*held, *touched)
+        ),
     ]
-    not_covered += [] if claims.also_sampled is None else [claims.also_sampled]
-    return Verified(
-        edges=len(claims.motion.coefficients),
-        intervals=intervals,
-        distances=distances,
-        claims=claims.sentences(about),
-        not_claimed=claims.not_claimed,
-        not_covered=tuple(not_covered),
-        robot=robot.name,
-        obstacles=scene.names,
-        own=own,
-    )
 
 
-def _check_origin(claims: Certificate, robot: Robot, scene: Scene) -> None:
+def _check_origin(claims: Certificate | ProgramCertificate, robot: Robot, scene: Scene) -> None:
     if claims.joint_names != tuple(robot.joint_names):
         raise CertificateError(f"joint order: it has {list(claims.joint_names)}, the robot {list(robot.joint_names)}")
     if claims.robot.hash != robot_hash(robot):
@@ -181,8 +215,9 @@ class Terms:
     max_danger: float | None = None  # The limit of the danger in motion
     # `who`, `speed`, `speeds`, `reaction_time` and `clearance`, as in `Stops`; empty where there are no people
     stops: Mapping[str, Any] | None = None
+    program: Program | None = None  # What may change hands, and which contacts are allowed
 
-    def check(self, claims: Certificate) -> None:
+    def check(self, claims: Claimed) -> None:
         """Raise CertificateError, naming what differs, unless everything that is claimed agrees."""
         timed, motion = claims.trajectory, claims.motion
         self._compare("danger", claims.danger, self.danger)

@@ -34,7 +34,15 @@ from safe_ompl.motions import Motion, RateLimits, State
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guard import Command, Doing, Guard
 from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, PathLimits
-from safe_ompl.people.replanning.proposals import HARDEST, Piece, Positions, Velocity, curve_of, least_brake, proposed_cap
+from safe_ompl.people.replanning.proposals import (
+    HARDEST,
+    Piece,
+    Positions,
+    Velocity,
+    curve_of,
+    least_brake,
+    proposed_cap,
+)
 from safe_ompl.people.replanning.stop_motion import averaging_window
 
 _log = logging.getLogger(__name__)
