@@ -13,8 +13,8 @@ from safe_ompl.collision.bounds import ALLOWANCE
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.kernels.tables import Required
 from safe_ompl.collision.pairs import PairSet
-from safe_ompl.collision.queries import DISTANCE_ERROR
 from safe_ompl.common import FloatArray, InputError, UnknownNameError, finite_array, number, shown
+from safe_ompl.geometry import DISTANCE_ERROR
 
 
 @dataclass(frozen=True)

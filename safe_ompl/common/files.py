@@ -283,7 +283,8 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]], delimiter: st
 def dump_document(data: Any, *, flow: bool | None = False, width: float = 110) -> str:
     """Return `data` as YAML, which is read back exactly; `flow` is PyYAML's `default_flow_style`."""
     style: dict[str, Any] = {"default_flow_style": flow, "width": width}
-    return yaml.dump(data, Dumper=_FlowListDumper, sort_keys=False, allow_unicode=True, **style)
+    text: str = yaml.dump(data, Dumper=_FlowListDumper, sort_keys=False, allow_unicode=True, **style)
+    return text
 
 
 def dump_line(value: Any) -> str:

@@ -72,8 +72,9 @@ def recipe(spec: RobotSpec) -> dict[str, Any]:
         found |= {file: _carried_text(getattr(spec, file)) for file in _FILES}
         if "text" in found["urdf"]:
             found["urdf"]["text"] = spec.urdf_file().text()
-        if spec.srdf is not None and spec.srdf.suffix == ".xacro":
-            found["srdf"]["text"] = spec.srdf_file().text()
+        srdf = spec.srdf_file()
+        if srdf is not None and spec.srdf is not None and spec.srdf.suffix == ".xacro":
+            found["srdf"]["text"] = srdf.text()
     if spec.attached:
         found["attached"] = said["attached"]
         found["files"] = schema.carried_objects(found["attached"])

@@ -21,13 +21,13 @@ END_TOLERANCE = 1e-6  # [rad or m] in joint space
 
 
 class Asked(NamedTuple):
-    """What a setup was asked for when a planner began: valid starts of how many, goal, objective and space.
+    """What a setup was asked for when a planner began: valid starts of how many given ones, goal, objective and space.
 
     `starts` are copies of states, `states` the configurations that the goal consists of, as bytes.
     """
 
     starts: list[Any]
-    count: int
+    given: int
     goal: Any
     states: set[bytes]
     objective: Any
@@ -190,7 +190,7 @@ class Problem:
             return
         same_space = asked.coordinates == self._setup.bridge.coordinates()
         same_objective = asked.objective is definition.getOptimizationObjective()
-        same_starts = asked.count == definition.getStartStateCount() and all(
+        same_starts = asked.given == definition.getStartStateCount() and all(
             definition.hasStartState(start, 0) for start in asked.starts
         )
         same_goal = asked.goal is goal and asked.states == self._states_in(goal)

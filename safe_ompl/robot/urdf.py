@@ -411,9 +411,10 @@ class UrdfFile:
     def text(self, meshes: Mapping[str, str] | None = None) -> str:
         """Return the text of the URDF, expanded, with other names for some of its meshes."""
         root = deepcopy(self._root)
-        for mesh in root.iterfind("link/*/geometry/mesh") if meshes else ():
+        for mesh in root.iterfind("link/*/geometry/mesh"):
             name = mesh.get("filename", "")
-            mesh.set("filename", meshes.get(name, name))
+            if meshes and name in meshes:
+                mesh.set("filename", meshes[name])
         return ElementTree.tostring(root, encoding="unicode")
 
     def links_with(self, tag: str) -> frozenset[str]:

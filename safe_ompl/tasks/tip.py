@@ -148,7 +148,7 @@ def _reversing_axis(axis: FloatArray, jacobian: FloatArray) -> FloatArray:
     """
     across = np.linalg.svd(axis[None])[2][1:]
     best: FloatArray = np.linalg.svd(across @ jacobian)[0][:, 0] @ across
-    return best * np.sign(best[np.abs(best) > 0.3][0])
+    return np.asarray(best * np.sign(best[np.abs(best) > 0.3][0]))
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
