@@ -18,6 +18,7 @@ from safe_ompl import (
     planner_names,
 )
 from safe_ompl.planning.planners import needs_place
+from safe_ompl.planning.simplification import Curve
 
 PLANNERS = [name for name in planner_names() if not needs_place(name) and not name.startswith("Paper")]
 OPTIMISING = ("RRTstar", "InformedRRTstar", "SORRTstar", "BITstar")  # these use all of their time
@@ -127,7 +128,7 @@ def test_the_next_place_is_gone_to(name):
 
 
 def test_the_same_query_goes_on_and_its_solution_stays():
-    setup, _start = begun("SafeRRTConnect")
+    setup, _ = begun("SafeRRTConnect")
     before = {q.tobytes() for q in setup.getPlanner().plannerGraph().configurations}
     assert setup.haveSolutionPath()
     solved(setup, "SafeRRTConnect")
@@ -181,15 +182,18 @@ def test_another_scene_objective_or_space_forgets_solution_and_trees(name, chang
 
 @pytest.mark.parametrize("name", ["SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect", "RRTstar"])
 def test_a_planner_that_was_set_aside_comes_back_without_what_it_had_built(name):
-    setup, _start = begun(name)
+    setup, _ = begun(name)
     aside, path = setup.getPlanner(), setup.solution()
     setup.setPlanner(SafeRRTConnect(setup.getSpaceInformation()))
-    middle = setup.robot.tip_pose(path[len(path) // 2]).translation
-    setup.addObstacle(Obstacle("new", Box((0.05, 0.05, 0.4)), Pose((*middle[:2], 0.0))))
+    way = Curve(setup.robot, path)
+    middle = way.at(np.array([0.5 * way.length]))[0]
+    setup.setStateValidityChecker(lambda state: bool(np.linalg.norm(setup.bridge.read(state) - middle) > 0.05))
     assert not setup.is_free(path)
     setup.setPlanner(aside)
-    setup.solve(0.3)
-    assert not setup.haveSolutionPath() or setup.is_free(setup.solution())
+    status = setup.solve(0.3 if name in OPTIMISING else 10.0).getStatus()
+    # How far an optimising planner comes in its time depends on the machine.
+    assert status == ob.PlannerStatus.EXACT_SOLUTION or name in OPTIMISING
+    assert setup.is_free(setup.solution()) if status == ob.PlannerStatus.EXACT_SOLUTION else True
 
 
 # ------------------------------------------------------------------------------------------- planners that are wrong

@@ -170,9 +170,10 @@ class Positions:
         is slower. A robot that moves in another direction must brake: such a curve would swing out in that direction as
         far as proposed speeds take it, and would let the robot accelerate there. Where a curve bends too much, two
         positions are left out. The last curve is a line on which the robot brakes as hard as it may. A line cannot
-        begin with any acceleration, so where the jerk is limited the robot follows the stop of its last command instead.
-        With a limit of the jerk the curve begins with the robot's acceleration, too: at first it leaves the spline a little,
-        and where the robot is slower than proposed s̈ has a part in it.
+        begin with any acceleration, so where the jerk is limited the robot follows the stop of its last command.
+
+        With a limit of the jerk the curve begins with the robot's acceleration, too: at first it leaves the spline a
+        little, and where the robot is slower than proposed s̈ has a part in it.
         """
         if self.duration - begin < _OVER:
             raise InputError(f"is too late: it was over {begin - self.duration:.3g} s ago", "proposal")
