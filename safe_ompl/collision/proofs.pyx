@@ -1,0 +1,1185 @@
+"""Bounds of the distances of pairs of bodies, by the convex bodies that hold them, and what these prove of motions.
+
+On the edge q(t) = q₁ + tΔ no point of body g is faster than W_g = Σ_i R_gi·|Δ_i|. At t none is faster than
+V_g = |v| + |ω| r, with the velocity v of the centre of the ball about it and the radius r of that, and no acceleration
+is above K_g = Σ_i R_gi w_i (w_i + 2 Σ_j<i w_j), w = |q′|, over the joints that move it. While |x| ≤ h none moves from
+where it is at t to t + x by more than D = min(h W_g, h V_g + h² K_g/2) (Taylor). Two of the robot's bodies, pair p,
+approach each other by D = h W_p at most, R_pi in the place of R_gi. A pair that must keep c_p is proven for all of such
+an interval where its distance d_p at t is at least c_p + D.
+
+A curve q(t) = Σ_k c_k t^k is Σ_k a_k x^k at t + x. It is within |x| v_i of q(t), v_i = Σ_k≥1 |a_k,i| h^(k−1),
+while |x| ≤ h: v takes the place of |Δ|, for intervals of half-length h at most, w is a bound of |q′| there, and
+R_gi |q″_i| is added to K_g. An edge is a curve of degree 1.
+
+In half of an interval bodies should not move far. At its middle three bounds of d_p are tried, each only for pairs that
+those before do not prove: that of the balls about the bodies, that of the ball about one and the box about the other,
+and that of the supports of the bodies themselves along an axis n (`geometry.convex`), for pairs that are proven least
+far first. The axis is the vector from the box to the ball until a better one is found. Where a bound along n leaves a
+spare e more is proven, for bodies that move along the slab across n, or apart, come nearer only by accelerations: they
+keep what they must while e + x r − x²K/2 ≥ 0. In the frame of the joint that carries both, r is how fast the slab
+widens at t at least: n·v of the centres, less what rotation moves the corners of their boxes along n, without balls,
+and K is the sum of theirs. So [t − s⁻, t + s⁺] is proven, with the least s⁻ and s⁺ of all pairs. What is left before
+and after is looked at in the same way, but only pairs that are not proven for all of the interval. Rounding of e, r and
+D, 1e-14 m, is below the allowances in c_p, as that of d_p is; s is taken for less, and D for more, by 1e-12 of it.
+
+Two points of the bodies bound d_p from above. Where that bound is no more than what the pair must keep without the
+allowances in c_p, and the bodies themselves are convex, no proof can find the motion free: it is refused at once, and
+coal need not be asked.
+"""
+
+from libc.math cimport INFINITY, ceil, fabs, sqrt
+from libc.stdlib cimport free, malloc, realloc
+from libc.string cimport memset
+
+from safe_ompl.geometry.convex cimport (
+    Body, Bodies, Bounds, Pose, Search, ShapeTable, Vector, begin_axis, distance_bounds, from_box, nearest_in_simplex,
+    outer_bound, place_moving, place_still,
+)
+from safe_ompl.robot.kinematics cimport EdgeTable, Joint, JointTable, edge_between, move_joints, place_joints
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_ompl.collision.queries import DISTANCE_ERROR
+from safe_ompl.common import InputError
+
+# [m] Proofs require this much more than pairs must keep. coal errs by at most DISTANCE_ERROR, so it never calls a
+# configuration of a proven motion too near, and a certificate of the motion can be issued. Rounding is far below.
+ALLOWANCE = 2 * DISTANCE_ERROR
+
+# Pairs of near obstacles come in blocks of so many.
+BLOCK = 64
+
+cdef enum:
+    MOST_PAIRS = 64       # of a group
+    FEW_PAIRS = 2 * LANES # of a group whose box is not looked at
+    RUN = 8               # groups that are left out together
+    INTERVALS = 64        # the most that may wait to be proven
+    SUSPECTS = 8          # pairs that blocked motions last
+    TOGETHER = 256        # motions that a thread proves between two looks for Ctrl-C
+
+# The first intervals are such that bodies move at most this far [m] in half of one. Shorter intervals need more bounds,
+# longer ones make more pairs near; there are at most MOST_FIRST of them. Where there are more than CROWD pairs, too
+# many would be near, so first intervals are shorter.
+cdef double FIRST_MOTION = 0.45
+cdef double MOST_FIRST = 8.0
+cdef double CROWD = 25_000.0
+# Relative rounding of the length of an interval, and of how far bodies move.
+# The allowance of `ALLOWANCE`, for compiled code.
+cdef double _ALLOWANCE = ALLOWANCE
+cdef double ROUNDING = 1e-12
+# Rounding of distances between balls about groups [m].
+cdef double GROUP_ROUNDING = 1e-9
+# Where joints would be beyond this, or faster, numbers could overflow, so nothing is proven.
+cdef double LARGEST = 1e100
+
+# Rows of how joints move at a place of a motion: q, v, q′, bounds of |q′| and |q″|, and Taylor's coefficients.
+cdef enum:
+    PLACE, SPEED, VELOCITY, FASTEST, ACCELERATION, TAYLOR
+# Rows of what is known of pairs: kept from where, until where, along which axis (3 rows).
+cdef enum:
+    FROM, UNTIL, AXIS
+
+GROUP = np.dtype(
+    [
+        # The pairs of one of the robot's bodies.
+        ("begin", np.intp),
+        ("end", np.intp),
+        ("body", np.intp),
+        # In the world, a ball that holds their obstacles. An infinite radius: none does, or these are no obstacles.
+        ("centre", np.float64, (3,)),
+        ("radius", np.float64),
+        # Where the balls about these obstacles begin.
+        ("lane", np.intp),
+        # How many groups from here on are a run: of one body, and far away if the ball of the run is; and how many there
+        # are back to the first of a run, this one the last. Elsewhere both are 1.
+        ("on", np.intp),
+        ("back", np.intp),
+        ("around", np.float64, (3,)),
+        ("wide", np.float64),
+    ],
+    align=True,
+)
+
+
+class BoundsProof(NamedTuple):
+    """What lower bounds of distances prove of a motion.
+
+    If it is not all proven, `left` are the parts that are not, each from one fraction of the motion to another. `at` is
+    a fraction at which a bound shows that some pair may be nearer than required; −1 if there is none. If the motion is
+    `blocked`, some pair certainly is, and what is proven of the rest is not said.
+    """
+
+    proven: bool
+    at: float
+    left: list
+    blocked: bool = False
+
+    def covers(self, low, high):
+        """Return whether the motion is proven from one fraction to another."""
+        return not any(first < high and last > low for first, last in self.left)
+
+
+class SomePairs(NamedTuple):
+    """The bodies (K, 2) of some pairs, and whether both are known exactly, (K,)."""
+
+    bodies: object
+    exact: object
+
+
+_UNKNOWN = BoundsProof(False, -1.0, [[0.0, 1.0]])
+_FREE = BoundsProof(True, -1.0, [])
+
+
+cdef class Required:
+    """Distances (P,) [m] that pairs must keep, with all allowances in them."""
+
+    def __init__(self, distances):
+        self.distances = np.ascontiguousarray(distances, dtype=np.float64).copy()
+        self.most = np.max(distances, initial=-np.inf)
+
+
+cdef class Workspace:
+    """Memory of proofs, for one of them at a time."""
+
+    def __dealloc__(self):
+        free(self.bodies.pose)
+        free(self.memory.rotations)
+        free(self.memory.moves)
+        free(self.memory.listed)
+
+    cdef int make_room(self, Py_ssize_t m, Py_ssize_t degree) except -1:
+        """Make room for curves of a degree."""
+        if degree > self.memory.degree:
+            moves = <double *> realloc(self.memory.moves, max((TAYLOR + degree + 1) * m, 1) * sizeof(double))
+            if not moves:
+                raise MemoryError
+            self.memory.moves, self.memory.degree = moves, degree
+        return 0
+
+
+cdef class DistanceBounds:
+    """Lower bounds of the distances of pairs of bodies, by the convex bodies that hold them.
+
+    Every bound holds, whatever the configuration. Nothing is kept from one question to the next but which pairs blocked
+    motions, and are looked at first: whether an edge is free is always decided alike. Threads may share it.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, whose bodies are the first of the `bodies`.
+    bodies : ConvexBodies
+        The robot's bodies and, after them, the parts of obstacles where they are.
+    pairs : ndarray of int, shape (P, 2)
+        The pairs.
+    radii : ndarray, shape (P, m)
+        Displacement radii of the pairs by the joints of Pinocchio's model.
+    counts : Counts
+        What counts the places at which bounds are computed.
+    """
+
+    def __init__(self, robot, bodies, pairs, radii, counts):
+        cdef Py_ssize_t P = len(pairs), m = radii.shape[1], own = len(robot.bounds.joint_radii)
+        exact = bodies.exact if bodies.bounded else np.zeros_like(bodies.exact)
+        reaches = np.zeros((m, len(bodies.bodies)))
+        reaches[:, :own] = robot.bounds.joint_radii.T
+        self.joints = JointTable(robot.kinematics.joints)
+        self.shapes = ShapeTable(bodies.bodies, bodies.starts, bodies.vertices, bodies.nodes)
+        self.exact = exact[pairs[:, 0]] & exact[pairs[:, 1]]
+        self._counts, self._coupling, self._free = counts, robot.coupling, []
+        numbers, certain = pairs.astype(np.uintp), np.where(self.exact, ALLOWANCE, np.inf)
+        by_joint = np.array(radii.T, order="C")
+        if self.joints.m != m or (P and not 0 <= pairs.min() <= pairs.max() < self.shapes.count):
+            raise InputError("pairs or their radii are not of the bodies and joints")
+        if P and pairs[:, 0].max() >= own:
+            raise InputError("the first body of each pair must be the robot's")
+        self.pairs.count, self.pairs.m, self.pairs.own, self.pairs.joints = P, m, own, self.joints.data
+        self.pairs.shape_count = self.shapes.count
+        groups, balls = self._grouped(numbers)
+        self._kept = numbers, by_joint, reaches, certain, groups, balls
+        self.pairs.bodies = <const size_t (*)[2]> _address(numbers)
+        self.pairs.radii, self.pairs.reaches = <const double *> _address(by_joint), <const double *> _address(reaches)
+        self.pairs.certain, self.pairs.balls = <const double *> _address(certain), <const double *> _address(balls)
+        self.pairs.groups, self.pairs.group_count = <const Group *> _address(groups), len(groups)
+        self.pairs.lanes = balls.shape[1]
+
+    def _grouped(self, const size_t[:, ::1] pairs):
+        """Return groups of pairs as they follow each other, and the balls about their obstacles.
+
+        Of many obstacles few are near. Groups are of one body of the robot's each, and groups that are far away are
+        left out at once. Of the balls about the obstacles of groups there are centres and radii, (4, ·), each group's
+        rounded up to whole `LANES`.
+        """
+        cdef Py_ssize_t P = pairs.shape[0], own = self.pairs.own, begin, end = 0, lanes = 0, count = 0, g, k
+        cdef Pose *poses = self.shapes.new_poses()
+        centres, radii = np.zeros((P, 3)), np.zeros(P)
+        cdef double[:, ::1] centre = centres
+        cdef double[::1] radius = radii
+        for k in range(P):
+            centre[k, 0], centre[k, 1], centre[k, 2] = _centre(poses, pairs[k, 1])
+            radius[k] = self.shapes.data.body[pairs[k, 1]].reach
+        free(poses)
+        found = np.zeros(P, GROUP)
+        cdef Group[::1] group = found
+        cdef bint meets
+        while end < P:
+            begin, meets = end, <Py_ssize_t> pairs[end, 1] >= own
+            while end < min(P, begin + MOST_PAIRS) and (<Py_ssize_t> pairs[end, 1] >= own) == meets:
+                if meets and pairs[end, 0] != pairs[begin, 0]:
+                    break
+                end += 1
+            group[count].begin, group[count].end = begin, end
+            group[count].body, group[count].lane, group[count].radius = pairs[begin, 0], lanes, INFINITY
+            group[count].on = group[count].back = 1
+            if meets:
+                group[count].radius = _write_ball(
+                    &centre[begin, 0], &radius[begin], end - begin, 3, 1, &group[count].centre[0]
+                )
+            count += 1
+            lanes += (end - begin + LANES - 1) // LANES * LANES
+        table = np.zeros((4, lanes))
+        for g in range(count):
+            begin, end, k = group[g].begin, group[g].end, group[g].lane
+            table[:3, k : k + end - begin], table[3, k : k + end - begin] = centres[begin:end].T, radii[begin:end]
+        end = 0
+        while end < count:
+            begin = end
+            while end < min(count, begin + RUN) and group[end].body == group[begin].body:
+                if (group[end].radius < INFINITY) != (group[begin].radius < INFINITY):
+                    break
+                end += 1
+            self._run(group, begin, end)
+        return found[:count].copy(), table
+
+    cdef int _run(self, Group[::1] group, Py_ssize_t begin, Py_ssize_t end) except -1:
+        """Write the ball about the balls of the groups from `begin` to `end`."""
+        cdef double middle[3]
+        cdef Py_ssize_t g, x
+        # From one group to the next all numbers are as far as the size of a group.
+        cdef Py_ssize_t stride = sizeof(Group) // sizeof(double)
+        cdef double wide = _write_ball(
+            &group[begin].centre[0], &group[begin].radius, end - begin, stride, stride, middle
+        )
+        for g in range(begin, end):
+            group[g].wide = wide
+            for x in range(3):
+                group[g].around[x] = middle[x]
+        group[begin].on = group[end - 1].back = end - begin
+        return 0
+
+    cdef Workspace workspace(self):
+        """Return working memory that nobody uses."""
+        cdef Workspace work
+        cdef Py_ssize_t P = self.pairs.count, m = self.pairs.m, own = self.pairs.own, k
+        try:
+            return self._free.pop()
+        except IndexError:
+            pass
+        work = Workspace()
+        work.bodies = self.shapes.data
+        work.bodies.pose = self.shapes.new_poses()
+        cdef double *row = <double *> malloc((17 * m + 6 * (m + 1) + 3 * own + 6 * P + 2 * INTERVALS) * sizeof(double))
+        cdef Py_ssize_t *numbers = <Py_ssize_t *> malloc((P + LANES + SUSPECTS + INTERVALS) * sizeof(Py_ssize_t))
+        work.memory.rotations, work.memory.listed, work.memory.degree = row, numbers, -1
+        if not row or not numbers:
+            raise MemoryError
+        work.memory.origins, work.memory.axes, work.memory.twists = row + 9 * m, row + 12 * m, row + 15 * m
+        row += 15 * m + 6 * (m + 1)
+        work.memory.W, work.memory.V, work.memory.K = row, row + own, row + 2 * own
+        row += 3 * own
+        work.memory.rates, work.memory.known, work.memory.left = row, row + P, row + 6 * P
+        work.memory.edge = row + 6 * P + 2 * INTERVALS
+        work.memory.suspects, work.memory.counts = numbers + P + LANES, numbers + P + LANES + SUSPECTS
+        work.memory.suspect_count = min(SUSPECTS, P)
+        for k in range(work.memory.suspect_count):
+            work.memory.suspects[k] = k
+        memset(work.memory.twists, 0, 6 * sizeof(double))
+        work.make_room(m, 1)
+        return work
+
+    @property
+    def bounded(self):
+        """Whether all bodies are finite; else nothing is known of any distance."""
+        return self.shapes.bounded
+
+    def of(self, Q, pairs, double enough):
+        """Return lower bounds (B, K) [m] of the distances of some of the pairs, (K,), at `Q: (B, n)`.
+
+        A bound is not improved any more once it is at least `enough` [m], or once it is clear that it cannot be.
+        """
+        bounds = np.full((len(Q), len(pairs)), -np.inf)
+        if self.bounded and bounds.size:
+            self._write_bounds(self._values(Q), self._kept[0][pairs], enough, bounds)
+            self._counts.bound_queries += len(Q)
+        return bounds
+
+    def _write_bounds(
+        self, const double[:, ::1] values, const size_t[:, ::1] pairs, double enough, double[:, ::1] bounds
+    ):
+        """Write lower bounds (B, K) [m] of the distances of pairs (K, 2) of bodies at `values: (B, m)`."""
+        cdef Workspace work = self.workspace()
+        cdef Py_ssize_t row, p
+        with nogil:
+            for row in range(values.shape[0]):
+                _place(&self.pairs, work, &values[row, 0] if values.shape[1] else NULL)
+                for p in range(pairs.shape[0]):
+                    bounds[row, p] = _lower_bound(&work.bodies, &work.memory.search, pairs[p, 0], pairs[p, 1], enough)
+        self._free.append(work)
+
+    def nearer(self, q, const double[::1] margins, double largest):
+        """Return the pairs that may be nearer than their margins (P,) [m] at `q: (n,)`; the last one surely is if True.
+
+        No margin is above the largest. Then no others were looked at. What bounds decide coal would decide alike.
+        """
+        cdef const double[::1] values = self._coupling.values(q)
+        cdef Workspace work = self.workspace()
+        cdef Py_ssize_t number
+        cdef bint surely = False
+        if margins.shape[0] != self.pairs.count or values.shape[0] != self.pairs.m:
+            raise InputError(f"there must be a margin for each of {self.pairs.count} pairs")
+        found = np.empty(self.pairs.count, dtype=np.intp)
+        cdef Py_ssize_t[::1] near = found
+        if self.pairs.count == 0:
+            return found, False
+        with nogil:
+            number = _near_pairs(
+                &self.pairs, work, &values[0] if values.shape[0] else NULL, &margins[0], largest, &near[0], &surely
+            )
+        self._free.append(work)
+        return found[:number], surely
+
+    def near(self, Q, some, double within, *, bint least=False):
+        """Return which of `some` pairs are nearer than a distance [m] at `Q: (B, n)`, (C, 10), row by row.
+
+        Of each there are row, pair, distance, nearest point of the first body in the frame of the joint that carries it
+        [m], unit normal from the second body to the first one in the world, and offset, the abscissa of the second
+        one's nearest point along it [m]. The distance of bodies that overlap is −∞, and nothing else is known then. Of
+        pairs that are not exact there is only a lower bound of the distance, less the error of coal's distances. If
+        only the `least` distance is wanted, pairs are left out that are farther apart than an exact one before them.
+        """
+        if not self.bounded:
+            found = np.full((len(Q) * len(some.exact), 10), -np.inf)
+            found[:, :2] = np.indices((len(Q), len(some.exact))).reshape(2, -1).T
+            return found
+        self._counts.bound_queries += len(Q) if within < np.inf else 0  # else distances are asked for
+        return self._nearest(self._values(Q), some.bodies, some.exact, within, DISTANCE_ERROR, least)
+
+    def _nearest(
+        self, const double[:, ::1] values, const size_t[:, ::1] pairs, exact, double within, double error, bint least
+    ):
+        cdef const unsigned char[::1] known = np.ascontiguousarray(exact, dtype=np.bool_).view(np.uint8)
+        cdef Py_ssize_t K = pairs.shape[0], row, p, number = 0
+        cdef Workspace work = self.workspace()
+        found, first_axes = np.empty((64, 10)), np.zeros((K, 3))
+        cdef double[:, ::1] table = found
+        cdef double[:, ::1] axes = first_axes
+        for row in range(values.shape[0]):
+            with nogil:
+                _place(&self.pairs, work, &values[row, 0] if values.shape[1] else NULL)
+            for p in range(K):
+                if number == table.shape[0]:
+                    found = np.concatenate([found, np.empty_like(found)])
+                    table = found
+                if _nearest_points(
+                    &self.pairs, work, pairs[p, 0], pairs[p, 1], known[p], &axes[p, 0], within, error, &table[number, 0]
+                ):
+                    table[number, 0], table[number, 1] = row, p
+                    if least and known[p]:
+                        within = min(within, table[number, 2])
+                    number += 1
+        self._free.append(work)
+        return found[:number].copy()
+
+    def some(self, pairs):
+        """Return some pairs, (K,), to ask for what is near among them."""
+        return SomePairs(self._kept[0][pairs], self.exact[pairs])
+
+    def prove(self, curve, Required required not None, double floor):
+        """Try to prove a motion of coefficients c_k (n,), q(t) = Σ_k c_k t^k, t in [0, 1].
+
+        What pairs must keep has `ALLOWANCE` in it. Intervals in whose halves the bodies move less than the floor [m]
+        are given up.
+        """
+        if not self.bounded:
+            return _UNKNOWN
+        first, *others = curve
+        coupling = self._coupling
+        return self._proof(
+            np.array([coupling.values(first), *(coupling.motions(other) for other in others)]), required, floor
+        )
+
+    def prove_edge(
+        self, const double[::1] start, const double[::1] end, EdgeTable limits not None, Required required not None,
+        double floor,
+    ):
+        """Try to prove the straight motion between two configurations (n,); None if one is not within the limits."""
+        cdef Workspace work
+        cdef Outcome outcome
+        cdef Py_ssize_t n = limits.n
+        if start.shape[0] != n or end.shape[0] != n:
+            raise InputError(f"configurations must have {n} joints")
+        self._check(required, limits.m)
+        if not self.bounded:
+            return _UNKNOWN if limits.hold(start) and limits.hold(end) else None
+        work = self.workspace()
+        with nogil:
+            outcome = prove_edge(
+                &self.pairs, work, &start[0], &end[0], limits,
+                &required.distances[0] if self.pairs.count else NULL, required.most, floor,
+            )
+        found = None if outcome.places == 0 and outcome.number < 0 else self._told(work, outcome)
+        self._free.append(work)
+        return found
+
+    def _proof(self, const double[:, ::1] curve, Required required, double floor):
+        """Return what `prove` does of a motion of the joints of Pinocchio's model, (d + 1, m)."""
+        cdef Py_ssize_t degree = curve.shape[0] - 1
+        cdef Outcome outcome
+        if degree < 1:
+            raise InputError("a motion must have a start and a way at least")
+        self._check(required, curve.shape[1])
+        cdef Workspace work = self.workspace()
+        work.make_room(self.pairs.m, degree)
+        with nogil:
+            outcome = prove_curve(
+                &self.pairs, work, &curve[0, 0] if self.pairs.m else NULL, degree,
+                &required.distances[0] if self.pairs.count else NULL, required.most, floor,
+            )
+        found = self._told(work, outcome)
+        self._free.append(work)
+        return found
+
+    cdef object _told(self, Workspace work, Outcome outcome):
+        """Return what is proven, and count the places."""
+        cdef Py_ssize_t k
+        self._counts.bound_queries += outcome.places
+        if outcome.number == 0:
+            return _FREE
+        left = _UNKNOWN.left
+        if outcome.number > 0:
+            left = [[work.memory.left[2 * k], work.memory.left[2 * k + 1]] for k in range(outcome.number)]
+        return BoundsProof(False, outcome.at, left, outcome.number < 0)
+
+    cdef int _check(self, Required required, Py_ssize_t joints) except -1:
+        if required.distances.shape[0] != self.pairs.count:
+            raise InputError(f"there must be a distance for each of {self.pairs.count} pairs")
+        if joints != self.pairs.m:
+            raise InputError(f"motions must be of {self.pairs.m} joints, got {joints}")
+        return 0
+
+    def prove_many(self, curves, Required required not None, double floor, int workers=1):
+        """Return what `prove` says of motions of the model's joints, of coefficients `curves: (E, d + 1, m)`, (E,).
+
+        That is 1 of those that are proven, −1 of those that are blocked, 0 of others. Each of the workers is a thread.
+        """
+        found = np.zeros(len(curves), np.intp)
+        if not self.bounded or not len(curves):
+            return found
+        parts = [slice(k, k + TOGETHER) for k in range(0, len(curves), TOGETHER)]
+
+        def prove(some):
+            return self._prove_all(curves[some], required, floor, found[some])
+
+        if workers == 1 or len(parts) == 1:
+            self._counts.bound_queries += sum(map(prove, parts))
+        else:
+            from concurrent.futures import ThreadPoolExecutor  # few need it
+
+            with ThreadPoolExecutor(workers) as pool:
+                self._counts.bound_queries += sum(pool.map(prove, parts))
+        return found
+
+    def _prove_all(self, const double[:, :, ::1] curves, Required required, double floor, Py_ssize_t[::1] found):
+        """Write what `prove_many` says of motions; return at how many places bounds were computed."""
+        cdef Py_ssize_t degree = curves.shape[1] - 1, k, places = 0, suspects
+        cdef Outcome outcome
+        if degree < 1:
+            raise InputError("a motion must have a start and a way at least")
+        self._check(required, curves.shape[2])
+        cdef Workspace work = self.workspace()
+        work.make_room(self.pairs.m, degree)
+        # What blocks the edges of a batch differs, so to suspect it would only cost time.
+        suspects, work.memory.suspect_count = work.memory.suspect_count, 0
+        with nogil:
+            for k in range(curves.shape[0]):
+                outcome = prove_curve(
+                    &self.pairs, work, &curves[k, 0, 0] if self.pairs.m else NULL, degree,
+                    &required.distances[0] if self.pairs.count else NULL, required.most, floor,
+                )
+                found[k] = 1 if outcome.number == 0 else min(outcome.number, 0)
+                places += outcome.places
+        work.memory.suspect_count = suspects
+        self._free.append(work)
+        return places
+
+    def hinge_costs(self, Q, const Py_ssize_t[::1] carriers, const double[:, ::1] near, const double[:, ::1] hinges):
+        """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² (B,), its gradients (B, m), and vectors v (C, m) of Gauss-Newton.
+
+        Σ vvᵀ approximates the Hessian. d_c = x·n_c − b_c is the distance of each of C points of bodies from a plane, at
+        the row of `Q: (B, n)` for which it was found; `near: (C, 10)` is what `near` returns, of pairs whose first
+        bodies are carried by joints with Pinocchio's numbers, `carriers: (K,)`. Pairs in contact do not count. The
+        `hinges: (H, 2)` are D > 0 [m] and w. As in CHOMP and TrajOpt.
+        """
+        return hinge_costs(self.joints, self._values(Q), carriers, near, hinges)
+
+    def _values(self, Q):
+        return np.ascontiguousarray(self._coupling.values(Q), dtype=np.float64)
+
+
+cdef void *_address(array):
+    """Return where the numbers of an array begin."""
+    return <void *> <size_t> array.ctypes.data
+
+
+cdef (double, double, double) _centre(const Pose *poses, size_t g) noexcept nogil:
+    return poses[g].centre[0], poses[g].centre[1], poses[g].centre[2]
+
+
+cdef double _write_ball(
+    const double *centres, const double *radii, Py_ssize_t count, Py_ssize_t centre_stride, Py_ssize_t radius_stride,
+    double *middle,
+) noexcept nogil:
+    """Write the centre (3,) of a ball that holds so many balls; return its radius."""
+    cdef double widest = 0.0, x, y, z
+    cdef Py_ssize_t k, i
+    cdef const double *centre
+    for i in range(3):
+        middle[i] = 0.0
+        for k in range(count):
+            middle[i] += centres[centre_stride * k + i] / count
+    for k in range(count):
+        centre = centres + centre_stride * k
+        x, y, z = centre[0] - middle[0], centre[1] - middle[1], centre[2] - middle[2]
+        widest = max(widest, sqrt(x * x + y * y + z * z) + radii[radius_stride * k])
+    return widest + GROUP_ROUNDING
+
+
+cdef inline void _place(const Pairs *pairs, Workspace work, const double *values) noexcept nogil:
+    """Write the frames of the joints, and the poses of the robot's bodies, at values (m,) of the joints."""
+    cdef Memory *memory = &work.memory
+    place_joints(pairs.joints, pairs.m, values, memory.rotations, memory.origins, memory.axes)
+    place_moving(work.bodies.body, pairs.own, work.bodies.pose, memory.rotations, memory.origins)
+
+
+cdef inline double _lower_bound(
+    const Bodies *bodies, Search *search, Py_ssize_t a, Py_ssize_t b, double enough
+) noexcept nogil:
+    """Return a lower bound [m] of the distance of two bodies; −∞ for what is no number."""
+    cdef double lower = outer_bound(bodies, a, b, enough, search.axis)
+    if lower < enough:
+        lower = max(lower, distance_bounds(bodies, a, b, search, enough, enough, False).lower)
+    return lower if lower == lower else -INFINITY
+
+
+cdef inline bint _is_far(const double *centre, double radius, const Body *body, const Pose *pose, double enough) noexcept nogil:
+    """Return whether a ball is at least `enough` [m] away from that about a body."""
+    cdef double x = pose.centre[0] - centre[0], y = pose.centre[1] - centre[1], z = pose.centre[2] - centre[2]
+    cdef double apart = enough + body.reach + radius
+    return x * x + y * y + z * z >= apart * apart
+
+
+cdef inline Py_ssize_t _near_in_group(
+    const Pairs *pairs, const Group *group, const Body *body, const Pose *pose, double enough, Py_ssize_t *near
+) noexcept nogil:
+    """Write those pairs of a group whose balls may be less than `enough` [m] apart; return how many they are.
+
+    The body and its pose are that of the robot in all of them. Where the group is none of obstacles all pairs are
+    written. There must be room for `LANES` numbers more.
+    """
+    cdef Py_ssize_t count = group.end - group.begin, number = 0, block, first, k
+    cdef const double *balls = pairs.balls + group.lane
+    cdef Py_ssize_t lanes = pairs.lanes
+    cdef double x, y, z, far, a, b, c, reach
+    cdef bint hits[LANES]
+    cdef Vector way
+    if not group.radius < INFINITY:
+        for k in range(count):
+            near[k] = group.begin + k
+        return count
+    if _is_far(group.centre, group.radius, body, pose, enough):
+        return 0
+    # Many small obstacles are within the ball about a long body, and few of them are near the body.
+    if count > FEW_PAIRS:
+        way, far = from_box(body, pose, group.centre), enough + group.radius
+        if way.x * way.x + way.y * way.y + way.z * way.z >= far * far:
+            return 0
+    x, y, z, far = pose.centre[0], pose.centre[1], pose.centre[2], enough + body.reach
+    for block in range((count + LANES - 1) // LANES):
+        first = LANES * block
+        for k in range(LANES):
+            a, b, c = x - balls[first + k], y - balls[lanes + first + k], z - balls[2 * lanes + first + k]
+            reach = far + balls[3 * lanes + first + k]
+            hits[k] = not a * a + b * b + c * c >= reach * reach
+        for k in range(min(<Py_ssize_t> LANES, count - first)):
+            near[number] = group.begin + first + k
+            number += hits[k]
+    return number
+
+
+cdef Py_ssize_t _near_pairs(
+    const Pairs *pairs, Workspace work, const double *values, const double *margins, double largest, Py_ssize_t *near,
+    bint *surely,
+) noexcept nogil:
+    """Write which of the pairs (P,) may be nearer than their margins (P,) [m]; return how many they are.
+
+    The search ends at a pair that certainly is, which `surely` tells: its two bodies are known exactly. A pair is apart
+    if a lower bound of its distance is more than its margin by the allowance.
+    """
+    cdef Bodies *bodies = &work.bodies
+    cdef Search *search = &work.memory.search
+    cdef Py_ssize_t *some = work.memory.listed
+    cdef Py_ssize_t g = 0, number = 0, k, p, A, B
+    cdef double spare = _ALLOWANCE, most = largest + spare, enough
+    cdef const Group *group
+    cdef Bounds found
+    _place(pairs, work, values)
+    while g < pairs.group_count:
+        group, A = &pairs.groups[g], pairs.groups[g].body
+        if group.on > 1 and _is_far(group.around, group.wide, &bodies.body[A], &bodies.pose[A], most):
+            g += group.on
+            continue
+        g += 1
+        for k in range(_near_in_group(pairs, group, &bodies.body[A], &bodies.pose[A], most, some)):
+            p = some[k]
+            A, B, enough = pairs.bodies[p][0], pairs.bodies[p][1], margins[p] + spare
+            if bodies.body[A].reach < INFINITY and bodies.body[B].reach < INFINITY:
+                if outer_bound(bodies, A, B, enough, search.axis) >= enough:
+                    continue
+                found = distance_bounds(bodies, A, B, search, enough, margins[p], False)
+                if found.lower >= enough:
+                    continue
+                if pairs.certain[p] < INFINITY and found.upper <= margins[p]:
+                    near[number] = p
+                    surely[0] = True
+                    return number + 1
+            near[number] = p
+            number += 1
+    return number
+
+
+cdef bint _nearest_points(
+    const Pairs *pairs, Workspace work, Py_ssize_t A, Py_ssize_t B, bint exact, double *axis, double within,
+    double error, double *found,
+) noexcept nogil:
+    """Write what `DistanceBounds.near` returns of a pair of bodies, (10,); return whether they are near."""
+    cdef Bodies *bodies = &work.bodies
+    cdef Search *search = &work.memory.search
+    cdef const double *a = bodies.pose[A].centre
+    cdef const double *b = bodies.pose[B].centre
+    cdef double enough = within if exact else within + error
+    cdef double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2], distance
+    cdef double far = enough + bodies.body[A].reach + bodies.body[B].reach
+    cdef Vector way
+    cdef Bounds bounds
+    cdef Py_ssize_t k
+    if x * x + y * y + z * z >= far * far:
+        return False
+    way = from_box(&bodies.body[B], &bodies.pose[B], a)
+    distance = sqrt(way.x * way.x + way.y * way.y + way.z * way.z) - bodies.body[A].reach
+    if distance >= enough:
+        return False
+    for k in range(3):
+        search.axis[k] = axis[k]
+    if axis[0] == 0.0 and axis[1] == 0.0 and axis[2] == 0.0:
+        begin_axis(search.axis, way, x, y, z)
+    bounds = distance_bounds(bodies, A, B, search, enough, -INFINITY if exact else enough, True)
+    for k in range(3):
+        axis[k] = search.axis[k]
+    if bounds.lower >= enough:
+        return False
+    found[2] = max(distance, bounds.lower) - error
+    if exact:
+        found[2] = bounds.lower if bounds.upper > -INFINITY else -INFINITY
+        if bounds.upper > -INFINITY:
+            _write_witness(&bodies.body[A], search, bounds, &work.memory, found + 3)
+    return True
+
+
+cdef void _write_witness(
+    const Body *body, Search *search, Bounds bounds, const Memory *memory, double *found
+) noexcept nogil:
+    """Write (7,) nearest point of the first body, normal and offset, by the simplex of its distance from the second."""
+    cdef Vector way
+    cdef int corners = nearest_in_simplex(search.simplex, bounds.corners, &way), corner
+    cdef double length = sqrt(way.x * way.x + way.y * way.y + way.z * way.z), x, y, z
+    cdef double shares[3]
+    cdef Py_ssize_t k, joint = body.joint - 1
+    cdef const double *R
+    found[3], found[4], found[5], found[6] = way.x / length, way.y / length, way.z / length, -bounds.upper
+    _shares_of_corners(search.simplex, corners, way, shares)
+    for k in range(3):
+        found[k] = -body.ball * found[3 + k]
+        for corner in range(corners):
+            found[k] += shares[corner] * search.simplex[corner][3 + k]
+        found[6] += found[3 + k] * found[k]
+    if joint >= 0:
+        R = memory.rotations + 9 * joint
+        x = found[0] - memory.origins[3 * joint]
+        y = found[1] - memory.origins[3 * joint + 1]
+        z = found[2] - memory.origins[3 * joint + 2]
+        for k in range(3):
+            found[k] = R[k] * x + R[3 + k] * y + R[6 + k] * z
+
+
+cdef void _shares_of_corners(double (*S)[6], int corners, Vector way, double *shares) noexcept nogil:
+    """Write the shares (3,) with which up to three corners of a simplex make a point that lies between them."""
+    cdef double ux = S[1][0] - S[0][0], uy = S[1][1] - S[0][1], uz = S[1][2] - S[0][2], vx, vy, vz, uv, vv, vp, area
+    cdef double px = way.x - S[0][0], py = way.y - S[0][1], pz = way.z - S[0][2]
+    cdef double uu = ux * ux + uy * uy + uz * uz, up = ux * px + uy * py + uz * pz
+    shares[0], shares[1], shares[2] = 1.0, 0.0, 0.0
+    if corners == 2:
+        shares[1] = up / uu
+    elif corners == 3:
+        vx, vy, vz = S[2][0] - S[0][0], S[2][1] - S[0][1], S[2][2] - S[0][2]
+        uv, vv, vp = ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz, vx * px + vy * py + vz * pz
+        area = uu * vv - uv * uv
+        shares[1], shares[2] = (vv * up - uv * vp) / area, (uu * vp - uv * up) / area
+    shares[0] = 1.0 - shares[1] - shares[2]
+
+
+def hinge_costs(
+    JointTable joints not None, const double[:, ::1] values, const Py_ssize_t[::1] carriers, const double[:, ::1] near,
+    const double[:, ::1] hinges,
+):
+    """Return costs (B,), gradients (B, m) and vectors (C, m); see `DistanceBounds.hinge_costs`."""
+    cdef Py_ssize_t m = joints.m, C = near.shape[0], c, b, i, x, y, z, h, placed = -1
+    cdef double distance, rate, bend, lack, slope, turning
+    cdef const double *p
+    cdef const double *normal
+    cdef const double *frame
+    cdef double place[3]
+    costs, gradients, vectors = np.zeros(values.shape[0]), np.zeros((values.shape[0], m)), np.zeros((C, m))
+    cdef double[::1] cost = costs
+    cdef double[:, ::1] gradient = gradients
+    cdef double[:, ::1] bends = vectors
+    if values.shape[1] != m or near.shape[1] != 10 or hinges.shape[1] != 2:
+        raise InputError("values must have a column for each joint, near pairs 10 and hinges 2")
+    for c in range(C):
+        if not (0 <= near[c, 0] < values.shape[0] and 0 <= near[c, 1] < carriers.shape[0]):
+            raise InputError(f"near pair {c} is of a configuration or a pair that there is not")
+        if not 0 <= carriers[<Py_ssize_t> near[c, 1]] <= m:
+            raise InputError(f"pair {near[c, 1]:g} is carried by a joint that there is not")
+    cdef double *frames = <double *> malloc(max(15 * m, 1) * sizeof(double))
+    if not frames:
+        raise MemoryError
+    cdef double *origin = frames + 9 * m
+    cdef double *axis = frames + 12 * m
+    with nogil:
+        for c in range(C):
+            b, i = <Py_ssize_t> near[c, 0], carriers[<Py_ssize_t> near[c, 1]] - 1
+            p, normal = &near[c, 3], &near[c, 6]
+            if not near[c, 2] > 0.0:
+                continue
+            if b != placed:
+                place_joints(joints.data, m, &values[b, 0] if m else NULL, frames, origin, axis)
+                placed = b
+            distance = -near[c, 9]
+            for x in range(3):
+                place[x] = p[x]
+                if i >= 0:
+                    frame = frames + 9 * i + 3 * x
+                    place[x] = origin[3 * i + x] + frame[0] * p[0] + frame[1] * p[1] + frame[2] * p[2]
+                distance += place[x] * normal[x]
+            rate, bend = 0.0, 0.0
+            for h in range(hinges.shape[0]):
+                lack = 1.0 - distance / hinges[h, 0]
+                if lack > 0.0:
+                    cost[b] += hinges[h, 1] * lack * lack
+                    rate -= 2.0 * hinges[h, 1] / hinges[h, 0] * lack
+                    bend += 2.0 * hinges[h, 1] / (hinges[h, 0] * hinges[h, 0])
+            while i >= 0 and bend > 0.0:
+                slope = 0.0
+                for x in range(3):
+                    y, z = (x + 1) % 3, (x + 2) % 3
+                    turning = (
+                        axis[3 * i + y] * (place[z] - origin[3 * i + z])
+                        - axis[3 * i + z] * (place[y] - origin[3 * i + y])
+                    )
+                    slope += normal[x] * (axis[3 * i + x] if joints.data[i].slides else turning)
+                gradient[b, i] += rate * slope
+                bends[c, i] = sqrt(bend) * slope
+                i = joints.data[i].parent - 1
+    free(frames)
+    return costs, gradients, vectors
+
+
+# What a proof is of, and its working memory.
+cdef struct Proof:
+    const Pairs *pairs
+    const Bodies *bodies
+    Memory *memory
+    const double *required
+    double most
+
+
+cdef double _write_rates(const Proof *proof) noexcept nogil:
+    """Write W and K of bodies, and W of pairs of two of the robot's own; return the largest one of a body.
+
+    Processors run the loops over bodies and pairs by lanes. V takes how fast bodies turn meanwhile.
+    """
+    cdef const Pairs *pairs = proof.pairs
+    cdef Py_ssize_t m = pairs.m, own = pairs.own, P = pairs.count, i, g, k, p
+    cdef double *W = proof.memory.W
+    cdef double *turning = proof.memory.V
+    cdef double *K = proof.memory.K
+    cdef double *rates = proof.memory.rates
+    cdef const double *moves = proof.memory.moves
+    cdef const double *reaches
+    cdef const double *radii
+    cdef double widest = 0.0, speed, fastest, bend, turns
+    cdef Py_ssize_t G = proof.pairs.shape_count
+    for g in range(own):
+        W[g], turning[g], K[g] = 0.0, 0.0, 0.0
+    for i in range(m):
+        speed, fastest, bend = moves[SPEED * m + i], moves[FASTEST * m + i], moves[ACCELERATION * m + i]
+        turns = 0.0 if pairs.joints[i].slides else fastest
+        reaches = pairs.reaches + G * i
+        for g in range(own):
+            W[g] += reaches[g] * speed
+            K[g] += reaches[g] * (fastest * (fastest + 2.0 * turning[g]) + bend)
+            turning[g] += turns if reaches[g] > 0.0 else 0.0
+    for g in range(own):
+        widest = max(widest, W[g])
+    for k in range(pairs.group_count):
+        if not pairs.groups[k].radius < INFINITY:
+            for p in range(pairs.groups[k].begin, pairs.groups[k].end):
+                rates[p] = 0.0
+            for i in range(m):
+                radii, speed = pairs.radii + P * i, moves[SPEED * m + i]
+                for p in range(pairs.groups[k].begin, pairs.groups[k].end):
+                    rates[p] += radii[p] * speed
+    return widest
+
+
+# Angular velocity of a body, and velocity of its centre.
+cdef struct Twist:
+    Vector angular
+    Vector linear
+
+
+cdef inline Twist _velocities(const Proof *proof, Py_ssize_t g, Py_ssize_t frame) noexcept nogil:
+    """Return how a body moves relative to what a joint carries."""
+    cdef const double *c = proof.bodies.pose[g].centre
+    cdef const double *twist = proof.memory.twists + 6 * proof.bodies.body[g].joint
+    cdef const double *base = proof.memory.twists + 6 * frame
+    cdef double x = twist[0] - base[0], y = twist[1] - base[1], z = twist[2] - base[2]
+    cdef double u = twist[3] - base[3], v = twist[4] - base[4], w = twist[5] - base[5]
+    return Twist(
+        Vector(x, y, z),
+        Vector(u + y * c[2] - z * c[1], v + z * c[0] - x * c[2], w + x * c[1] - y * c[0]),
+    )
+
+
+cdef inline double _moved(const Proof *proof, Py_ssize_t p, double half) noexcept nogil:
+    """Return by how much the bodies of a pair approach each other at most while no farther than `half` from a place."""
+    cdef Memory *memory = proof.memory
+    cdef Py_ssize_t A = proof.pairs.bodies[p][0], B = proof.pairs.bodies[p][1]
+    cdef double rate = (
+        memory.rates[p] if proof.pairs.own > B else min(memory.W[A], memory.V[A] + 0.5 * half * memory.K[A])
+    )
+    return half * rate * (1.0 + ROUNDING)
+
+
+# How far before and after a place something holds, as a share of the motion.
+cdef struct Reach:
+    double before
+    double after
+
+
+cdef Reach _kept(const Proof *proof, Py_ssize_t p, double spare) noexcept nogil:
+    """Return how far before and after a place a pair keeps what it must that has so much to `spare` along the axis."""
+    cdef const Joint *joints = proof.pairs.joints
+    cdef const Body *body
+    cdef Memory *memory = proof.memory
+    cdef const double *axis = memory.search.axis
+    cdef Py_ssize_t m = proof.pairs.m, A = proof.pairs.bodies[p][0], B = proof.pairs.bodies[p][1]
+    cdef Py_ssize_t frame = 0, last = 0, side, g, k, i
+    cdef bint both = proof.pairs.own > B
+    cdef double even, length, a, b, c, along = 0.0, spread = 0.0, bend, turning, reach, fastest, x, y, z
+    cdef const Pose *pose
+    cdef Twist twist
+    if not spare > 0.0:
+        return Reach(0.0, 0.0)
+    even = spare / (memory.rates[p] if both else memory.W[A]) * (1.0 - ROUNDING)
+    # An obstacle that is a solid of cells: the bound is along many axes.
+    if proof.bodies.body[B].levels > 0:
+        even = max(even, _until(spare, -memory.V[A], memory.K[A]))
+        return Reach(even, even)
+    # The joint that carries both: parents have lower numbers.
+    if both:
+        frame, last = proof.bodies.body[A].joint, proof.bodies.body[B].joint
+    while frame != last:
+        frame, last = joints[max(frame, last) - 1].parent, min(frame, last)
+    length = sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
+    a, b, c = axis[0] / length, axis[1] / length, axis[2] / length
+    bend = 0.0 if both else memory.K[A]
+    for side in range(2 if both else 1):
+        g = proof.pairs.bodies[p][side]
+        pose, body, turning = &proof.bodies.pose[g], &proof.bodies.body[g], 0.0
+        twist = _velocities(proof, g, frame)
+        along += (1 - 2 * side) * (a * twist.linear.x + b * twist.linear.y + c * twist.linear.z)
+        # n × ω
+        x, y, z = (
+            b * twist.angular.z - c * twist.angular.y,
+            c * twist.angular.x - a * twist.angular.z,
+            a * twist.angular.y - b * twist.angular.x,
+        )
+        for k in range(3):
+            spread += (body.extent[k] - body.ball) * fabs(
+                pose.rotation[0][k] * x + pose.rotation[1][k] * y + pose.rotation[2][k] * z
+            )
+        for i in range(frame, body.joint if both else 0):
+            reach, fastest = proof.pairs.reaches[proof.pairs.shape_count * i + g], memory.moves[FASTEST * m + i]
+            if reach > 0.0:
+                bend += reach * (fastest * (fastest + 2.0 * turning) + memory.moves[ACCELERATION * m + i])
+                turning += 0.0 if joints[i].slides else fastest
+    return Reach(max(even, _until(spare, -along - spread, bend)), max(even, _until(spare, along - spread, bend)))
+
+
+cdef inline double _until(double spare, double rate, double bend) noexcept nogil:
+    """Return the largest s for which spare + rate s − bend s²/2 is no less than 0."""
+    cdef double root = sqrt(rate * rate + 2.0 * bend * spare)
+    return ((rate + root) / bend if rate > 0.0 else 2.0 * spare / (root - rate)) * (1.0 - ROUNDING)
+
+
+cdef Py_ssize_t _list_near(const Proof *proof, double half) noexcept nogil:
+    """List pairs that the balls about bodies, and about groups of them, do not prove; return how many they are."""
+    cdef const Pairs *pairs = proof.pairs
+    cdef const Body *bodies = proof.bodies.body
+    cdef const Pose *poses = proof.bodies.pose
+    cdef Py_ssize_t *listed = proof.memory.listed
+    cdef Py_ssize_t number = 0, turn = 0, A, B, p
+    cdef const Group *group
+    cdef double enough
+    while turn < pairs.group_count:
+        group = &pairs.groups[pairs.group_count - 1 - turn]
+        A = group.body
+        turn += 1
+        if group.radius < INFINITY:
+            enough = proof.most + _moved(proof, group.begin, half)
+            if group.back > 1 and _is_far(group.around, group.wide, &bodies[A], &poses[A], enough):
+                turn += group.back - 1
+                continue
+            number += _near_in_group(pairs, group, &bodies[A], &poses[A], enough, listed + number)
+            continue
+        for p in range(group.begin, group.end):
+            A, B = pairs.bodies[p][0], pairs.bodies[p][1]
+            enough = proof.required[p] + half * proof.memory.rates[p] * (1.0 + ROUNDING)
+            listed[number] = p
+            number += not _is_far(poses[B].centre, bodies[B].reach, &bodies[A], &poses[A], enough)
+    return number
+
+
+# How far before and after a place all pairs are proven; a pair that is too near, or −1; how many pairs are listed.
+cdef struct Half:
+    Reach reach
+    Py_ssize_t pair
+    Py_ssize_t listed
+
+
+cdef Half _half_length(const Proof *proof, double t, double half, Py_ssize_t number, bint fresh) noexcept nogil:
+    """Return how far before and after t, at most `half`, is proven; a pair that is too near; how many are listed.
+
+    Of the first so many pairs of the list those that are not proven for all of the interval come to the front. Of
+    `fresh` ones nothing is known. Both lengths are 0 if the bound of that pair's distance is not above what it must
+    keep, and −1 if it is certain that the pair is too near.
+    """
+    cdef const Pairs *pairs = proof.pairs
+    cdef Memory *memory = proof.memory
+    cdef double *axis = memory.search.axis
+    cdef double *first = memory.known + FROM * pairs.count
+    cdef double *last = memory.known + UNTIL * pairs.count
+    cdef double *axes = memory.known + AXIS * pairs.count
+    cdef Py_ssize_t *listed = memory.listed
+    cdef Py_ssize_t left = 0, done = 0, k, p, worst, A, B, x
+    cdef double before = half, after = half, enough, lower, back, on, shortest, longer, least, nothing, even
+    cdef Reach kept
+    cdef Bounds found
+    for k in range(number):
+        p = listed[k]
+        if not fresh and first[p] <= t - half and t + half <= last[p]:
+            continue
+        enough = proof.required[p] + _moved(proof, p, half)
+        lower = outer_bound(proof.bodies, pairs.bodies[p][0], pairs.bodies[p][1], enough, axis)
+        if lower >= enough:
+            continue
+        kept = _kept(proof, p, lower - proof.required[p])
+        if kept.before >= half and kept.after >= half:
+            continue
+        first[p], last[p] = t - kept.before, t + kept.after
+        for x in range(3):
+            axes[3 * p + x] = axis[x]
+        listed[left], listed[k] = listed[k], listed[left]
+        left += 1
+    while True:
+        worst, shortest = -1, INFINITY
+        for k in range(done, left):
+            p = listed[k]
+            back, on = t - first[p], last[p] - t
+            if (back < before or on < after) and min(back, on) < shortest:
+                worst, shortest = k, min(back, on)
+        if worst < 0:
+            return Half(Reach(before, after), -1, left)
+        p = listed[worst]
+        A, B = pairs.bodies[p][0], pairs.bodies[p][1]
+        for x in range(3):
+            axis[x] = axes[3 * p + x]
+        back, on, longer = t - first[p], last[p] - t, max(before, after)
+        enough, least = proof.required[p] + _moved(proof, p, longer), proof.required[p] - pairs.certain[p]
+        found = distance_bounds(proof.bodies, A, B, &memory.search, enough, least, False)
+        if not (back > 0.0 or found.lower > proof.required[p]):
+            # The upper bound is −∞ where hulls overlap, and so is the right side where bodies are within theirs.
+            nothing = -1.0 if found.upper < least else 0.0
+            return Half(Reach(nothing, nothing), listed[worst], left)
+        kept = _kept(proof, p, found.lower - proof.required[p])
+        # Whatever rounding makes of it.
+        even = longer if found.lower >= enough else 0.0
+        back, on = max(max(back, kept.before), even), max(max(on, kept.after), even)
+        first[p], last[p] = t - back, t + on
+        before, after = min(before, back), min(after, on)
+        listed[worst], listed[done] = listed[done], listed[worst]
+        done += 1
+
+
+cdef bint _is_too_near(const Proof *proof, Py_ssize_t p) noexcept nogil:
+    """Return whether it is certain that a pair is nearer at a place than it must be."""
+    cdef double required = proof.required[p], least = required - proof.pairs.certain[p]
+    cdef Py_ssize_t A = proof.pairs.bodies[p][0], B = proof.pairs.bodies[p][1]
+    cdef Search *search = &proof.memory.search
+    cdef Bounds found
+    if outer_bound(proof.bodies, A, B, required, search.axis) >= required:
+        return False
+    found = distance_bounds(proof.bodies, A, B, search, required, least, False)
+    return not found.lower > required and found.upper < least
+
+
+cdef void _suspect(Memory *memory, Py_ssize_t pair) noexcept nogil:
+    """Put a pair before all others that are suspected; the last of these is dropped if it is a new one."""
+    cdef Py_ssize_t place = 0, k
+    while place < memory.suspect_count - 1 and memory.suspects[place] != pair:
+        place += 1
+    for k in range(place, 0, -1):
+        memory.suspects[k] = memory.suspects[k - 1]
+    if memory.suspect_count > 0:
+        memory.suspects[0] = pair
+
+
+cdef void _curve_at(
+    const double *curve, Py_ssize_t degree, Py_ssize_t m, double t, double half, double *moves
+) noexcept nogil:
+    """Write where the joints are at t, and how they move while no farther than `half` from t.
+
+    The rows of `moves: (6 + d, m)` are the joints, v, q′ at t, bounds of |q′| and |q″|, and a_0 … a_d.
+    """
+    cdef Py_ssize_t i, j, k
+    cdef double *taylor = moves + TAYLOR * m
+    cdef double speed, fastest, bend, rise
+    for i in range(m):
+        for k in range(degree + 1):
+            taylor[k * m + i] = curve[k * m + i]
+        for k in range(degree):
+            for j in range(degree - 1, k - 1, -1):
+                taylor[j * m + i] += t * taylor[(j + 1) * m + i]
+        speed, fastest, bend = 0.0, 0.0, 0.0
+        for k in range(degree, 0, -1):
+            rise = fabs(taylor[k * m + i])
+            speed, fastest = rise + half * speed, k * rise + half * fastest
+            if k > 1:
+                bend = k * (k - 1) * rise + half * bend
+        moves[PLACE * m + i], moves[SPEED * m + i], moves[VELOCITY * m + i] = taylor[i], speed, taylor[m + i]
+        moves[FASTEST * m + i], moves[ACCELERATION * m + i] = fastest, bend
+
+
+cdef Outcome prove_curve(
+    const Pairs *pairs, Workspace work, const double *curve, Py_ssize_t degree, const double *required, double most,
+    double floor,
+) noexcept nogil:
+    """Try to prove a motion with the coefficients c_k, `curve: (d + 1, m)`, t in [0, 1]; stop where that fails.
+
+    Pair p must keep c_p, `required: (P,)`, with all allowances in it, none of them above `most`. The proof stops at an
+    interval in whose halves no body moves by more than the floor [m], and where more than `INTERVALS` would wait.
+    Intervals that are not proven are left in the workspace, which must have room for the degree. Pairs that blocked
+    motions before are suspected, and looked at first. Where a suspect is certainly too near the others are not looked
+    at: no proof could find the motion free, so whether it is never depends on what is suspected.
+
+    The outcome has how many intervals are not proven; 0: the motion is proven; −1: some pair is certainly too near.
+    """
+    cdef Memory *memory = &work.memory
+    cdef Proof proof = Proof(pairs, &work.bodies, memory, required, most)
+    cdef Py_ssize_t m = pairs.m, number, count, places = 0, k, i, g
+    cdef double *moves = memory.moves
+    cdef double *left = memory.left
+    cdef double widest, crowd, low, high, t, longest, half, wide
+    cdef bint fresh, earlier
+    cdef Twist twist
+    cdef Half found
+    cdef int turn
+    _curve_at(curve, degree, m, 0.5, 0.5, moves)
+    widest = _write_rates(&proof)
+    crowd = max(1.0, pairs.count / CROWD)
+    wide = max(1.0, min(min(ceil(0.5 * crowd * widest / FIRST_MOTION), crowd * MOST_FIRST), <double> (INTERVALS // 2)))
+    number = <Py_ssize_t> wide
+    for k in range(INTERVALS):
+        memory.counts[k] = -1
+    for k in range(number):
+        left[2 * k], left[2 * k + 1] = <double> k / number, <double> (k + 1) / number
+    while number > 0:
+        low, high, count = left[2 * number - 2], left[2 * number - 1], memory.counts[number - 1]
+        t, longest, fresh = 0.5 * (low + high), 0.5 * (high - low) * (1.0 + ROUNDING), count < 0
+        _curve_at(curve, degree, m, t, longest, moves)
+        for i in range(m):
+            if not fabs(moves[PLACE * m + i]) + moves[FASTEST * m + i] + moves[ACCELERATION * m + i] < LARGEST:
+                return Outcome(number, -1.0, places)
+        _place(pairs, work, moves + PLACE * m)
+        if degree > 1:
+            widest = _write_rates(&proof)
+        move_joints(pairs.joints, m, moves + VELOCITY * m, memory.origins, memory.axes, memory.twists + 6)
+        for g in range(pairs.own):
+            twist = _velocities(&proof, g, 0)
+            memory.V[g] = sqrt(
+                twist.linear.x * twist.linear.x + twist.linear.y * twist.linear.y + twist.linear.z * twist.linear.z
+            ) + proof.bodies.body[g].reach * sqrt(
+                twist.angular.x * twist.angular.x + twist.angular.y * twist.angular.y
+                + twist.angular.z * twist.angular.z
+            )
+        places += 1
+        if fresh:
+            for k in range(memory.suspect_count):
+                if _is_too_near(&proof, memory.suspects[k]):
+                    _suspect(memory, memory.suspects[k])
+                    return Outcome(-1, t, places)
+            count = _list_near(&proof, longest)
+        found = _half_length(&proof, t, longest, count, fresh)
+        half = min(found.reach.before, found.reach.after)
+        if half < 0.0:
+            _suspect(memory, found.pair)
+            return Outcome(-1, t, places)
+        if half < longest and (half * widest < floor or number == INTERVALS):
+            return Outcome(number, -1.0 if half > 0.0 else t, places)
+        number -= 1
+        # The part in which these bodies come nearer is looked at next: there the motion is blocked, if it is.
+        for turn in range(2):
+            earlier = (turn == 0) == (found.reach.after <= found.reach.before)
+            if (found.reach.before if earlier else found.reach.after) < longest:
+                if earlier:
+                    left[2 * number], left[2 * number + 1] = low, t - found.reach.before
+                else:
+                    left[2 * number], left[2 * number + 1] = t + found.reach.after, high
+                memory.counts[number] = found.listed
+                number += 1
+    return Outcome(0, -1.0, places)
+
+
+cdef Outcome prove_edge(
+    const Pairs *pairs, Workspace work, const double *start, const double *end, EdgeTable limits,
+    const double *required, double most, double floor,
+) noexcept nogil:
+    """Return what `prove_curve` says of the straight motion between two configurations (n,).
+
+    −1 at no place is also said where one of them is not within the limits.
+    """
+    if not edge_between(limits, start, end, work.memory.edge):
+        return Outcome(-1, -1.0, 0)
+    return prove_curve(pairs, work, work.memory.edge, 1, required, most, floor)

@@ -1,0 +1,822 @@
+"""Skeletons at configurations side by side: kinematics, the field at a point of each, its gradient by the joints.
+
+A processor works on several numbers at once where the same is done to each. So the last axis of all arrays here is
+that of the lanes, `W` of them, over which loops run in whole groups of `GROUP`; a last group that is not full is filled
+up with copies. The formulas are those of `robot/kinematics.pyx` and of `danger/static.pyx`, number for number.
+
+Where many points are looked at from one skeleton, the lanes are points, `BLOCK` of them at a time.
+"""
+
+from libc.math cimport INFINITY, NAN, cos, fabs, sin, sqrt
+from libc.stdint cimport int64_t, uint32_t, uint64_t
+from libc.stdlib cimport free, malloc
+from libc.string cimport memset
+from cpython.pycapsule cimport PyCapsule_New
+
+from safe_ompl.danger.skeleton cimport ROUNDING, SERIES, ZERO, LaneFunctions, Points, Skeleton, half_gap
+from safe_ompl.robot.kinematics cimport Joint, KeyPoint
+
+
+cdef extern from "math.h" nogil:
+    float sqrtf(float)
+
+cdef enum:
+    W = 16       # lanes
+    GROUP = 4    # lanes of a processor's register
+    CHUNK = 8    # points of which the highest bound is known
+    BLOCK = 128  # points at once, so that what is known of them stays in the nearest cache
+
+cdef double LN2 = 0.6931471805599453
+# Above this value of 2ℓ/(S − ℓ) the difference has lost too many digits.
+cdef double NEAR = 1e3
+# Instead of an infinite ratio, whose logarithm would be no number.
+cdef double LARGEST = 1e300
+# Half a unit in the last place of single precision.
+cdef double FINE = 2.0**-24
+
+
+# Of each joint, and of the base before them, R (m + 1, 9, W), o and z (m + 1, 3, W); key points (K, 3, W); lengths of
+# links (L, W) [m], and the largest coordinate of key points (W,). And room: what turns a joint (9, W), how far it
+# slides (W,), and where its parent is (12, W).
+cdef struct Frames:
+    double *rotation
+    double *origin
+    double *axis
+    double *places
+    double *lengths
+    double *reach
+    double *turn
+    double *slide
+    double *above
+
+
+# Points, one in each lane, and the skeletons they are seen from: of which lane the skeleton is, and which of the points
+# it is, (W,); fields there (W,); key points of the skeletons (K, 3, W) and lengths of links (L, W); rays from key points
+# to the points (K, 3, W), and distances (K, W); and room.
+cdef struct Rays:
+    Py_ssize_t *skeleton
+    Py_ssize_t *which
+    double *field
+    double *places
+    double *ray
+    double *distance
+    double *point
+    double *lengths
+    double *theta
+    double *mantissa
+    double *power
+
+
+# Forces (K, 3, W) at key points, gradients by the joints (m, W), and room, wrenches (m + 1, 6, W) among it.
+cdef struct Forces:
+    double *forces
+    double *gradient
+    double *wrench
+    double *gap
+    double *alive
+    double *ends
+
+
+cdef double *_take(double **memory, Py_ssize_t numbers) noexcept nogil:
+    """Return the next numbers of a memory; each array begins at a multiple of 64 bytes."""
+    cdef double *found = memory[0]
+    memory[0] += (numbers + 7) // 8 * 8
+    return found
+
+
+cdef Py_ssize_t _frames_size(const Skeleton *s) noexcept nogil:
+    return W * (15 * (s.m + 1) + 3 * s.K + s.L + 1 + 9 + 1 + 12)
+
+
+cdef Frames _frames(const Skeleton *s, double **memory) noexcept nogil:
+    """Return room for the frames of a skeleton; the base has its place."""
+    cdef Frames frames
+    cdef Py_ssize_t x, b
+    frames.rotation, frames.origin = _take(memory, 9 * W * (s.m + 1)), _take(memory, 3 * W * (s.m + 1))
+    frames.axis, frames.places = _take(memory, 3 * W * (s.m + 1)), _take(memory, 3 * W * s.K)
+    frames.lengths, frames.reach, frames.turn = _take(memory, W * s.L), _take(memory, W), _take(memory, 9 * W)
+    frames.slide, frames.above = _take(memory, W), _take(memory, 12 * W)
+    memset(frames.rotation, 0, 9 * W * sizeof(double))
+    memset(frames.origin, 0, 3 * W * sizeof(double))
+    for x in range(3):
+        for b in range(W):
+            frames.rotation[4 * W * x + b] = 1.0
+    return frames
+
+
+cdef Py_ssize_t _rays_size(const Skeleton *s) noexcept nogil:
+    return W * (2 + 1 + 7 * s.K + 3 + s.L + 3)
+
+
+cdef Rays _rays_of(const Skeleton *s, double **memory) noexcept nogil:
+    """Return room for points seen from skeletons."""
+    cdef Rays rays
+    rays.skeleton, rays.which = <Py_ssize_t *> _take(memory, W), <Py_ssize_t *> _take(memory, W)
+    rays.field, rays.places, rays.ray = _take(memory, W), _take(memory, 3 * W * s.K), _take(memory, 3 * W * s.K)
+    rays.distance, rays.point, rays.lengths = _take(memory, W * s.K), _take(memory, 3 * W), _take(memory, W * s.L)
+    rays.theta, rays.mantissa, rays.power = _take(memory, W), _take(memory, W), _take(memory, W)
+    return rays
+
+
+cdef Py_ssize_t _forces_size(const Skeleton *s) noexcept nogil:
+    return W * (3 * s.K + s.m + 6 * (s.m + 1) + 8)
+
+
+cdef Forces _forces_of(const Skeleton *s, double **memory) noexcept nogil:
+    """Return room for forces at the key points of skeletons."""
+    cdef Forces forces
+    forces.forces, forces.gradient = _take(memory, 3 * W * s.K), _take(memory, W * s.m)
+    forces.wrench, forces.gap = _take(memory, 6 * W * (s.m + 1)), _take(memory, W)
+    forces.alive, forces.ends = _take(memory, W), _take(memory, 6 * W)
+    return forces
+
+
+cdef Py_ssize_t _place(const Skeleton *s, const double *values, Py_ssize_t count, Frames frames) noexcept nogil:
+    """Write where joints and key points are at `values: (count ≤ W, m)`; return how many lanes are filled."""
+    cdef Py_ssize_t lanes = (count + GROUP - 1) // GROUP * GROUP, i, b, x, k, link
+    cdef const Joint *joint
+    cdef double *turn = frames.turn
+    cdef double *slide = frames.slide
+    cdef double *above = frames.above
+    cdef double *R
+    cdef double *up
+    cdef double *o
+    cdef double *z
+    cdef double *first
+    cdef double *last
+    cdef double *length
+    cdef double a0, a1, a2, t0, t1, t2, m00, m01, m02, m10, m11, m12, m20, m21, m22
+    cdef double q, c, n, d, f0, f1, f2, r0, r1, r2, along, u, v, w, farthest
+    for i in range(s.m):
+        joint = &s.joints[i]
+        a0, a1, a2 = joint.axis[0], joint.axis[1], joint.axis[2]
+        t0, t1, t2 = joint.translation[0], joint.translation[1], joint.translation[2]
+        m00, m01, m02 = joint.rotation[0][0], joint.rotation[0][1], joint.rotation[0][2]
+        m10, m11, m12 = joint.rotation[1][0], joint.rotation[1][1], joint.rotation[1][2]
+        m20, m21, m22 = joint.rotation[2][0], joint.rotation[2][1], joint.rotation[2][2]
+        for b in range(count):
+            q = values[s.m * b + i]
+            if joint.slides:
+                slide[b], turn[b], turn[W + b] = q, 1.0, 0.0
+            else:
+                slide[b], turn[b], turn[W + b] = 0.0, cos(q), sin(q)
+        for b in range(count, lanes):
+            slide[b], turn[b], turn[W + b] = slide[count - 1], turn[count - 1], turn[W + count - 1]
+        for b in range(lanes):
+            c, n = turn[b], turn[W + b]
+            d = 1.0 - c
+            turn[b], turn[W + b], turn[2 * W + b] = d * a0 * a0 + c, d * a0 * a1 - n * a2, d * a0 * a2 + n * a1
+            turn[3 * W + b] = d * a1 * a0 + n * a2
+            turn[4 * W + b], turn[5 * W + b] = d * a1 * a1 + c, d * a1 * a2 - n * a0
+            turn[6 * W + b], turn[7 * W + b] = d * a2 * a0 - n * a1, d * a2 * a1 + n * a0
+            turn[8 * W + b] = d * a2 * a2 + c
+        up = frames.rotation + 9 * W * joint.parent
+        for x in range(9 * W):
+            above[x] = up[x]
+        up = frames.origin + 3 * W * joint.parent
+        for x in range(3 * W):
+            above[9 * W + x] = up[x]
+        for x in range(3):
+            R = frames.rotation + W * (9 * (i + 1) + 3 * x)
+            o, z = frames.origin + W * (3 * (i + 1) + x), frames.axis + W * (3 * (i + 1) + x)
+            up = above + 3 * W * x
+            for b in range(lanes):
+                f0, f1, f2 = up[b], up[W + b], up[2 * W + b]
+                r0 = f0 * m00 + f1 * m10 + f2 * m20
+                r1 = f0 * m01 + f1 * m11 + f2 * m21
+                r2 = f0 * m02 + f1 * m12 + f2 * m22
+                along = r0 * a0 + r1 * a1 + r2 * a2
+                z[b] = along
+                o[b] = above[(9 + x) * W + b] + f0 * t0 + f1 * t1 + f2 * t2 + along * slide[b]
+                R[b] = r0 * turn[b] + r1 * turn[3 * W + b] + r2 * turn[6 * W + b]
+                R[W + b] = r0 * turn[W + b] + r1 * turn[4 * W + b] + r2 * turn[7 * W + b]
+                R[2 * W + b] = r0 * turn[2 * W + b] + r1 * turn[5 * W + b] + r2 * turn[8 * W + b]
+    for k in range(s.K):
+        t0, t1, t2 = s.keys[k].offset[0], s.keys[k].offset[1], s.keys[k].offset[2]
+        for x in range(3):
+            R = frames.rotation + W * (9 * s.keys[k].joint + 3 * x)
+            o, z = frames.origin + W * (3 * s.keys[k].joint + x), frames.places + W * (3 * k + x)
+            for b in range(lanes):
+                z[b] = o[b] + R[b] * t0 + R[W + b] * t1 + R[2 * W + b] * t2
+    for b in range(W):
+        frames.reach[b] = 0.0
+    for k in range(s.K):
+        z = frames.places + 3 * W * k
+        for b in range(lanes):
+            farthest = max(max(fabs(z[b]), fabs(z[W + b])), fabs(z[2 * W + b]))
+            frames.reach[b] = max(frames.reach[b], farthest)
+    for link in range(s.L):
+        first, last = frames.places + 3 * W * s.links[2 * link], frames.places + 3 * W * s.links[2 * link + 1]
+        length = frames.lengths + W * link
+        for b in range(lanes):
+            u, v, w = last[b] - first[b], last[W + b] - first[W + b], last[2 * W + b] - first[2 * W + b]
+            length[b] = max(sqrt(u * u + v * v + w * w), ZERO)
+    return lanes
+
+
+cdef Py_ssize_t _cast_rays(
+    const Skeleton *s, Frames frames, const Points *points, Py_ssize_t count, Rays rays
+) noexcept nogil:
+    """Write the rays from skeletons to so many points; return how many lanes are filled."""
+    cdef Py_ssize_t lanes = (count + GROUP - 1) // GROUP * GROUP, b, x, k, link
+    cdef double *ray
+    cdef double *place
+    cdef const double *known
+    cdef double u, v, w
+    for b in range(count, lanes):
+        rays.skeleton[b], rays.which[b] = rays.skeleton[count - 1], rays.which[count - 1]
+    for x in range(3):
+        for b in range(lanes):
+            rays.point[W * x + b] = points.columns[points.M * x + rays.which[b]]
+        for k in range(s.K):
+            known, place = frames.places + W * (3 * k + x), rays.places + W * (3 * k + x)
+            ray = rays.ray + W * (3 * k + x)
+            for b in range(lanes):
+                place[b] = known[rays.skeleton[b]]
+            for b in range(lanes):
+                ray[b] = rays.point[W * x + b] - place[b]
+    for k in range(s.K):
+        ray, place = rays.ray + 3 * W * k, rays.distance + W * k
+        for b in range(lanes):
+            u, v, w = ray[b], ray[W + b], ray[2 * W + b]
+            place[b] = sqrt(u * u + v * v + w * w)
+    for link in range(s.L):
+        for b in range(lanes):
+            rays.lengths[W * link + b] = frames.lengths[W * link + rays.skeleton[b]]
+    return lanes
+
+
+cdef bint _write_fields(const Skeleton *s, Py_ssize_t lanes, Rays rays) noexcept nogil:
+    """Write the fields at the points; return False if one of them is too near for that, as in `potentials`."""
+    cdef Py_ssize_t link, b, near = 0
+    cdef const double *first
+    cdef const double *last
+    cdef const double *length
+    cdef double *theta = rays.theta
+    for b in range(W):
+        rays.field[b] = 0.0
+    for link in range(s.L):
+        first, last = rays.distance + W * s.links[2 * link], rays.distance + W * s.links[2 * link + 1]
+        length = rays.lengths + W * link
+        for b in range(lanes):
+            theta[b] = 2.0 * length[b] / (first[b] + last[b] - length[b])
+            near += not (0.0 <= theta[b] and theta[b] <= NEAR)
+        _log1p_each(theta, rays.mantissa, rays.power, lanes)
+        if s.by_length:
+            for b in range(lanes):
+                rays.field[b] += theta[b]
+        else:
+            for b in range(lanes):
+                rays.field[b] += 1.0 / length[b] * theta[b]
+    return near == 0
+
+
+cdef void _write_forces(
+    const Skeleton *s, const double *weights, Py_ssize_t lanes, Rays rays, Forces forces
+) noexcept nogil:
+    """Write forces, the gradients of weights (W,) times the fields by the key points; none of a point on a segment.
+
+    ∂φ/∂a = c e₁ − κ (b − a),  ∂φ/∂b = c e₂ + κ (b − a); by arc length ℓ times that, and ∓φ (b − a)/ℓ.
+    """
+    cdef Py_ssize_t link, b, x, k, i, j
+    cdef const double *u
+    cdef const double *v
+    cdef const double *d1
+    cdef const double *d2
+    cdef const double *length
+    cdef double *theta = rays.theta
+    cdef double *gap = forces.gap
+    cdef double *alive = forces.alive
+    cdef double *ends = forces.ends
+    cdef double *at
+    cdef double w0, w1, w2, along, product, area, half, S, c, square, phi, y, ratio, total, kappa, weight, near, far
+    cdef double stretch
+    cdef bint touching
+    for b in range(3 * W * s.K):
+        forces.forces[b] = 0.0
+    for b in range(W):
+        alive[b] = 1.0
+    for link in range(s.L):
+        i, j = s.links[2 * link], s.links[2 * link + 1]
+        length, d1, d2 = rays.lengths + W * link, rays.distance + W * i, rays.distance + W * j
+        u, v = rays.ray + 3 * W * i, rays.ray + 3 * W * j
+        for x in range(3):
+            for b in range(lanes):
+                ends[W * x + b] = rays.places[W * (3 * j + x) + b] - rays.places[W * (3 * i + x) + b]
+        # As `half_gap`.
+        for b in range(lanes):
+            w0 = u[W + b] * v[2 * W + b] - u[2 * W + b] * v[W + b]
+            w1 = u[2 * W + b] * v[b] - u[b] * v[2 * W + b]
+            w2 = u[b] * v[W + b] - u[W + b] * v[b]
+            along = u[b] * v[b] + u[W + b] * v[W + b] + u[2 * W + b] * v[2 * W + b]
+            product, area = d1[b] * d2[b], sqrt(w0 * w0 + w1 * w1 + w2 * w2)
+            half = area * area / (product - along) if along < 0.0 else product + along
+            touching = (min(d1[b], d2[b]) <= ROUNDING * max(d1[b], d2[b])) | (
+                (along < 0.0) & (area <= ROUNDING * product)
+            ) | (half <= 0.0)
+            alive[b] = 0.0 if touching else alive[b]
+            gap[b] = 1.0 if touching else half
+            theta[b] = min(length[b] * (d1[b] + d2[b] + length[b]) / gap[b], LARGEST)
+        _log1p_each(theta, rays.mantissa, rays.power, lanes)
+        # As `gradient_terms`.
+        for b in range(lanes):
+            S, c, square = d1[b] + d2[b], 1.0 / gap[b], length[b] * length[b]
+            phi, ratio = theta[b] / length[b], length[b] / S
+            y = ratio * ratio
+            total = 0.0
+            total = total * y + 18.0 / 19.0
+            total = total * y + 16.0 / 17.0
+            total = total * y + 14.0 / 15.0
+            total = total * y + 12.0 / 13.0
+            total = total * y + 10.0 / 11.0
+            total = total * y + 8.0 / 9.0
+            total = total * y + 6.0 / 7.0
+            total = total * y + 4.0 / 5.0
+            total = total * y + 2.0 / 3.0
+            kappa = (c * S - phi) / square if y > SERIES else 2.0 * total / (S * S * S)
+            weight = weights[b] * (length[b] if s.by_length else 1.0)
+            kappa += phi / square if s.by_length else 0.0
+            near, far = weight * c / d1[b], weight * c / d2[b]
+            stretch = weight * kappa
+            for x in range(3):
+                w0 = stretch * ends[W * x + b]
+                ends[W * x + b] = near * u[W * x + b] - w0
+                ends[W * (3 + x) + b] = far * v[W * x + b] + w0
+        for x in range(3):
+            at = forces.forces + W * (3 * i + x)
+            for b in range(lanes):
+                at[b] += ends[W * x + b]
+            at = forces.forces + W * (3 * j + x)
+            for b in range(lanes):
+                at[b] += ends[W * (3 + x) + b]
+    for k in range(3 * s.K):
+        at = forces.forces + W * k
+        for b in range(lanes):
+            at[b] = at[b] if alive[b] > 0.0 else 0.0
+
+
+cdef void _jacobian_transpose_product(
+    const Skeleton *s, Py_ssize_t lanes, Frames frames, const double *forces, Forces room
+) noexcept nogil:
+    """Write gradients by the joints of forces (K, 3, W) at the key points; see `KeyPointTable`."""
+    cdef Py_ssize_t k, x, y, z, b, i
+    cdef double *wrench = room.wrench
+    cdef double *own
+    cdef double *above
+    cdef const double *place
+    cdef const double *force
+    cdef const double *origin
+    cdef const double *axis
+    cdef double turned, total
+    for b in range(6 * W * (s.m + 1)):
+        wrench[b] = 0.0
+    for k in range(s.K):
+        own, place, force = wrench + 6 * W * s.keys[k].joint, frames.places + 3 * W * k, forces + 3 * W * k
+        for x in range(3):
+            y, z = (x + 1) % 3, (x + 2) % 3
+            for b in range(lanes):
+                own[W * x + b] += force[W * x + b]
+            for b in range(lanes):
+                own[W * (3 + x) + b] += place[W * y + b] * force[W * z + b] - place[W * z + b] * force[W * y + b]
+    for i in range(s.m - 1, -1, -1):
+        own, above = wrench + 6 * W * (i + 1), wrench + 6 * W * s.joints[i].parent
+        origin, axis = frames.origin + 3 * W * (i + 1), frames.axis + 3 * W * (i + 1)
+        if s.joints[i].slides:
+            for b in range(lanes):
+                total = 0.0
+                total += axis[b] * own[b]
+                total += axis[W + b] * own[W + b]
+                total += axis[2 * W + b] * own[2 * W + b]
+                room.gradient[W * i + b] = total
+        else:
+            for b in range(lanes):
+                total = 0.0
+                turned = origin[W + b] * own[2 * W + b] - origin[2 * W + b] * own[W + b]
+                total += axis[b] * (own[3 * W + b] - turned)
+                turned = origin[2 * W + b] * own[b] - origin[b] * own[2 * W + b]
+                total += axis[W + b] * (own[4 * W + b] - turned)
+                turned = origin[b] * own[W + b] - origin[W + b] * own[b]
+                total += axis[2 * W + b] * (own[5 * W + b] - turned)
+                room.gradient[W * i + b] = total
+        for x in range(6):
+            for b in range(lanes):
+                above[W * x + b] += own[W * x + b]
+
+
+cdef void _log1p_each(double *x, double *mantissa, double *power, Py_ssize_t number) noexcept nogil:
+    """Replace so many of `x`, 0 ≤ x < ∞, by log(1 + x), in loops that processors run by lanes.
+
+    With 1 + x = 2ᵏ(1 + f), √½ ≤ 1 + f < √2, and s = f/(2 + f) it is k log 2 + 2 atanh s, for which a polynomial in s²
+    is good to the last digits (fdlibm's `e_log.c`). f is x itself where k = 0: small x lose nothing.
+    """
+    cdef Py_ssize_t j
+    cdef int64_t *bits = <int64_t *> mantissa
+    cdef int64_t k
+    cdef double f, s, z, series
+    for j in range(number):
+        mantissa[j] = 1.0 + x[j]
+    for j in range(number):
+        k = (bits[j] - <int64_t> 0x3FE6A09E00000000) >> 52
+        bits[j] = <int64_t> (<uint64_t> bits[j] - (<uint64_t> k << 52))
+        power[j] = <double> k
+    for j in range(number):
+        f = x[j] if power[j] == 0.0 else mantissa[j] - 1.0
+        s = f / (2.0 + f)
+        z = s * s
+        series = 1.531383769920937332e-01 + z * 1.479819860511658591e-01
+        series = 2.222219843214978396e-01 + z * (1.818357216161805012e-01 + z * series)
+        series = 3.999999999940941908e-01 + z * (2.857142874366239149e-01 + z * series)
+        series = z * (6.666666666666735130e-01 + z * series)
+        x[j] = power[j] * LN2 + s * (2.0 + series)
+
+
+# ------------------------------------------------------------------------------------ many points from one skeleton
+
+# A block of points: points (3, BLOCK), θ of a link and room for its logarithm (BLOCK,), distances (K, BLOCK).
+cdef struct Block:
+    double *points
+    double *theta
+    double *mantissa
+    double *power
+    double *distances
+
+
+cdef Block _block(void *memory) noexcept nogil:
+    cdef double *row = <double *> memory
+    return Block(row, row + 3 * BLOCK, row + 4 * BLOCK, row + 5 * BLOCK, row + 6 * BLOCK)
+
+
+cdef Py_ssize_t _block_size(Py_ssize_t K) noexcept nogil:
+    return (6 + K) * BLOCK * sizeof(double)
+
+
+cdef void _potentials(
+    const double *places, const Skeleton *s, const double *columns, Py_ssize_t stride, Py_ssize_t begin,
+    Py_ssize_t end, double *levels, Py_ssize_t room, bint summed, void *memory,
+) noexcept nogil:
+    """See `LaneFunctions.potentials`; of each link eq. (7), or their sum, eq. (5)."""
+    cdef Block block = _block(memory)
+    cdef Py_ssize_t first, number, lanes, link, a, b, j
+    cdef double length, scale
+    cdef double *row
+    for link in range(1 if summed else s.L):
+        for j in range(end - begin):
+            levels[room * link + j] = 0.0
+    for first in range(begin, end, 128):
+        number = min(<Py_ssize_t> BLOCK, end - first)
+        lanes = _take_points(places, s.K, columns, stride, first, number, block)
+        for link in range(s.L):
+            a, b = s.links[2 * link], s.links[2 * link + 1]
+            length = _length(places + 3 * a, places + 3 * b)
+            _angles(places, a, b, length, block, lanes)
+            scale = 1.0 if s.by_length else 1.0 / length
+            row = levels + (0 if summed else room * link) + (first - begin)
+            for j in range(number):
+                row[j] += scale * block.theta[j]
+
+
+cdef double _length(const double *a, const double *b) noexcept nogil:
+    """Return ℓ > 0."""
+    cdef double x = b[0] - a[0], y = b[1] - a[1], z = b[2] - a[2]
+    return max(sqrt(x * x + y * y + z * z), ZERO)
+
+
+cdef Py_ssize_t _take_points(
+    const double *places, Py_ssize_t K, const double *columns, Py_ssize_t stride, Py_ssize_t begin, Py_ssize_t number,
+    Block block,
+) noexcept nogil:
+    """Copy a block of points, and write their distances (K, ·) from all key points.
+
+    The last point is repeated up to a whole number of lanes, which is returned: loops over what is left after these
+    would take as long as many lanes together.
+    """
+    cdef Py_ssize_t lanes = min(<Py_ssize_t> BLOCK, (number + W - 1) // W * W), x, j, k
+    cdef double *copies
+    cdef double *distances
+    cdef double x0, y0, z0, dx, dy, dz
+    for x in range(3):
+        copies = block.points + BLOCK * x
+        for j in range(number):
+            copies[j] = columns[stride * x + begin + j]
+        for j in range(number, lanes):
+            copies[j] = copies[number - 1]
+    copies = block.points
+    for k in range(K):
+        x0, y0, z0 = places[3 * k], places[3 * k + 1], places[3 * k + 2]
+        distances = block.distances + BLOCK * k
+        for j in range(lanes):
+            dx, dy, dz = copies[j] - x0, copies[BLOCK + j] - y0, copies[2 * BLOCK + j] - z0
+            distances[j] = sqrt(dx * dx + dy * dy + dz * dz)
+    return lanes
+
+
+cdef void _angles(
+    const double *places, Py_ssize_t start, Py_ssize_t end, double length, Block block, Py_ssize_t number
+) noexcept nogil:
+    """Write θ = log(1 + 2ℓ/(S − ℓ)) of a link at a block of points."""
+    cdef double *theta = block.theta
+    cdef const double *first = block.distances + BLOCK * start
+    cdef const double *last = block.distances + BLOCK * end
+    cdef Py_ssize_t j, near = 0
+    for j in range(number):
+        theta[j] = 2.0 * length / (first[j] + last[j] - length)
+        near += not (0.0 <= theta[j] and theta[j] <= NEAR)
+    if near:
+        _restore_digits(places + 3 * start, places + 3 * end, first, last, length, block, number)
+    _log1p_each(theta, block.mantissa, block.power, number)
+    if near:
+        _mark_contacts(first, last, theta, number)
+
+
+cdef void _restore_digits(
+    const double *a, const double *b, const double *first, const double *last, double length, Block block,
+    Py_ssize_t number,
+) noexcept nogil:
+    """Replace what cancels in 2ℓ/(S − ℓ) by ℓ (S + ℓ)/((S² − ℓ²)/2); 0 on the segment."""
+    cdef double *ratios = block.theta
+    cdef double u[3]
+    cdef double v[3]
+    cdef double half
+    cdef Py_ssize_t j, x
+    for j in range(number):
+        if not (0.0 <= ratios[j] and ratios[j] <= NEAR):
+            for x in range(3):
+                u[x], v[x] = block.points[BLOCK * x + j] - a[x], block.points[BLOCK * x + j] - b[x]
+            half = half_gap(u, v, first[j], last[j])
+            ratios[j] = length * (first[j] + last[j] + length) / half if half > 0.0 else 0.0
+
+
+cdef void _mark_contacts(const double *first, const double *last, double *theta, Py_ssize_t number) noexcept nogil:
+    """Let θ be infinite on the segment, and what is not a number stay none."""
+    cdef Py_ssize_t j
+    cdef double S
+    for j in range(number):
+        S = first[j] + last[j]
+        if not S >= 0.0:
+            theta[j] = NAN
+        elif theta[j] == 0.0 and INFINITY > S:
+            theta[j] = INFINITY
+
+
+# ------------------------------------------------------------------------------- the highest level at configurations
+
+# Room for the highest levels at configurations side by side. Points (3, N) and distances from key points (K, N) in
+# single precision, N a multiple of CHUNK; upper bounds of levels (W, N), and the highest of each chunk of these as
+# bits, (W, N/CHUNK); of each configuration the best point so far, its level, and what level counts, (W,).
+cdef struct Peaks:
+    Py_ssize_t padded
+    float *single
+    float *distances
+    float *bounds
+    uint32_t *tops
+    Py_ssize_t *best
+    double *peak
+    double *least
+
+
+cdef Py_ssize_t _peaks_size(Py_ssize_t K, Py_ssize_t M) noexcept nogil:
+    """Return how many numbers `_peaks` takes."""
+    cdef Py_ssize_t padded = (M + CHUNK - 1) // CHUNK * CHUNK
+    return (3 + K + W) * padded + W * padded // CHUNK + 3 * W
+
+
+cdef Peaks _peaks(Py_ssize_t K, const Points *points, double **memory) noexcept nogil:
+    """Return room for configurations, and the points.
+
+    The last column is repeated up to whole chunks: what is left after these would take as long as many of them.
+    """
+    cdef Peaks peaks
+    cdef Py_ssize_t M = points.M, N = (M + CHUNK - 1) // CHUNK * CHUNK, x, k
+    peaks.padded = N
+    peaks.single, peaks.distances = <float *> _take(memory, 3 * N), <float *> _take(memory, K * N)
+    peaks.bounds, peaks.tops = <float *> _take(memory, W * N), <uint32_t *> _take(memory, W * (N // CHUNK))
+    peaks.best, peaks.peak, peaks.least = <Py_ssize_t *> _take(memory, W), _take(memory, W), _take(memory, W)
+    for x in range(3):
+        for k in range(M):
+            peaks.single[N * x + k] = points.single[M * x + k]
+        for k in range(M, N):
+            peaks.single[N * x + k] = peaks.single[N * x + M - 1]
+    return peaks
+
+
+cdef void _upper_bounds(
+    const Skeleton *s, Frames frames, Py_ssize_t lane, double reach, const Peaks *peaks, float *out
+) noexcept nogil:
+    """Write upper bounds (N,) of the field at points in single precision, an eighth of the work of `potentials`.
+
+    As log(1 + r) ≤ r (6 + r)/(6 + 4r), and r = 2ℓ/g with the gap g = S − ℓ, the field of a link is no larger than
+    2 (3g + ℓ)/(g (3g + 4ℓ)); it falls with g. No coordinate of a point or key point is larger than R, those of points
+    no larger than `reach`. So each difference of two coordinates is off by 3uR at most, u = 2⁻²⁴, the distance of two
+    points by √3·3uR + 4u·√12 R < 20uR, and S − ℓ by less than 64uR, by which the gap is taken too small. What comes
+    after that has relative errors of less than 16u, and u more for each link.
+    """
+    cdef Py_ssize_t N = peaks.padded, k, m, link
+    cdef float x, y, z, dx, dy, dz, length, taken, weight, gap, wide, bound
+    cdef float two = <float> (2.0 * (1.0 + (32.0 + s.L) * FINE)), three = 3.0, least = <float> 1e-18
+    cdef float infinite = INFINITY, error = <float> (64.0 * FINE * max(reach, frames.reach[lane]))
+    cdef const float *points = peaks.single
+    cdef const float *first
+    cdef const float *last
+    cdef float *distances
+    for k in range(s.K):
+        x = <float> frames.places[3 * W * k + lane]
+        y = <float> frames.places[3 * W * k + W + lane]
+        z = <float> frames.places[3 * W * k + 2 * W + lane]
+        distances = peaks.distances + N * k
+        for m in range(N):
+            dx, dy, dz = points[m] - x, points[N + m] - y, points[2 * N + m] - z
+            distances[m] = sqrtf(dx * dx + dy * dy + dz * dz)
+    for m in range(N):
+        out[m] = 0.0
+    for link in range(s.L):
+        first, last = peaks.distances + N * s.links[2 * link], peaks.distances + N * s.links[2 * link + 1]
+        length = <float> frames.lengths[W * link + lane]
+        taken = length + error
+        weight = two * length if s.by_length else two
+        for m in range(N):
+            gap = first[m] + last[m] - taken
+            wide = three * gap + length
+            bound = weight * wide / (gap * (wide + three * length))
+            out[m] += bound if gap > least else infinite
+
+
+cdef void _bound(const Skeleton *s, Frames frames, const Points *points, Py_ssize_t lane, Peaks *peaks) noexcept nogil:
+    """Write upper bounds of all levels at the configuration in a lane; the point with the highest one is best."""
+    cdef Py_ssize_t N = peaks.padded, M = points.M, k, c, likely = 0, best
+    cdef float *bounds = peaks.bounds + N * lane
+    cdef const uint32_t *bits = <const uint32_t *> bounds
+    cdef uint32_t *tops = peaks.tops + (N // CHUNK) * lane
+    cdef uint32_t top
+    _upper_bounds(s, frames, lane, points.reach, peaks, bounds)
+    for k in range(M):
+        bounds[k] *= <float> points.charges[k]
+    for k in range(M, N):
+        bounds[k] = 0.0
+    # The bit patterns of non-negative floats sort like the floats themselves, and NaN sorts last.
+    for c in range(N // CHUNK):
+        top = 0
+        for k in range(CHUNK):
+            top = max(top, bits[CHUNK * c + k])
+        tops[c] = top
+        likely = c if top > tops[likely] else likely
+    best = CHUNK * likely
+    while bits[best] != tops[likely]:
+        best += 1
+    peaks.best[lane], peaks.peak[lane], peaks.least[lane] = best, -INFINITY, -INFINITY
+
+
+# Where to go on looking for candidates: in a lane, from a chunk on.
+cdef struct Cursor:
+    Py_ssize_t lane
+    Py_ssize_t chunk
+
+
+cdef Py_ssize_t _candidates(
+    Py_ssize_t M, Py_ssize_t count, Cursor *at, const double *high, const Peaks *peaks, Rays rays
+) noexcept nogil:
+    """Write which of M points, from a cursor on, may have a level that counts; return how many.
+
+    The best points, and those that are high, (M,) unless NULL, are known already.
+    """
+    cdef Py_ssize_t number = 0, N = peaks.padded, chunks = peaks.padded // CHUNK, k, best
+    cdef const float *bounds
+    cdef const float *tops
+    cdef float enough
+    while at.lane < count:
+        bounds, best = peaks.bounds + N * at.lane, peaks.best[at.lane]
+        enough = <float> (peaks.least[at.lane] * (1.0 - 1e-7))
+        tops = <const float *> (peaks.tops + chunks * at.lane)
+        while at.chunk < chunks:
+            if not tops[at.chunk] < enough:
+                if number > W - CHUNK:
+                    return number
+                for k in range(CHUNK * at.chunk, min(CHUNK * (at.chunk + 1), M)):
+                    if not (bounds[k] < enough or k == best or (high != NULL and high[k] > 0.0)):
+                        rays.skeleton[number], rays.which[number] = at.lane, k
+                        number += 1
+            at.chunk += 1
+        at.lane += 1
+        at.chunk = 0
+    return number
+
+
+cdef int _highest(
+    const Skeleton *s, const double *values, Py_ssize_t B, const Points *points, double *gradients, double share,
+    double least, double *high, double *out,
+) noexcept nogil:
+    """See `LaneFunctions.highest`.
+
+    Levels are computed where a bound in single precision does not tell that they are lower.
+    """
+    cdef Py_ssize_t m = s.m, K = s.K, M = points.M, first, count, filled, lane, number, lanes, b, k, x, i, point
+    # Each of some forty arrays may be rounded up by 7 numbers.
+    cdef Py_ssize_t numbers = (
+        _frames_size(s) + _rays_size(s) + _forces_size(s) + _peaks_size(K, M) + W + 3 * K + 64 * 8
+    )
+    cdef double *memory = <double *> malloc(numbers * sizeof(double) + _block_size(K))
+    cdef double *rest = memory
+    cdef Frames frames
+    cdef Rays rays
+    cdef Forces forces
+    cdef Peaks peaks
+    cdef Cursor at
+    cdef double *charges
+    cdef double *places
+    cdef double level, peak
+    cdef bint counting
+    if memory == NULL:
+        return -1
+    frames, rays, forces = _frames(s, &rest), _rays_of(s, &rest), _forces_of(s, &rest)
+    peaks, charges, places = _peaks(K, points, &rest), _take(&rest, W), _take(&rest, 3 * K)
+    for first in range(0, B, 16):
+        count, at, counting = min(<Py_ssize_t> W, B - first), Cursor(0, 0), False
+        filled = _place(s, values + m * first, count, frames)
+        for lane in range(count):
+            _bound(s, frames, points, lane, &peaks)
+            rays.skeleton[lane], rays.which[lane] = lane, peaks.best[lane]
+        number = count
+        while number > 0:
+            lanes = _cast_rays(s, frames, points, number, rays)
+            if not _write_fields(s, lanes, rays):
+                for b in range(number):
+                    for k in range(3 * K):
+                        places[k] = rays.places[W * k + b]
+                    point = rays.which[b]
+                    _potentials(places, s, points.columns, M, point, point + 1, &rays.field[b], 1, True, rest)
+            for b in range(number):
+                lane, point = rays.skeleton[b], rays.which[b]
+                level, peak = rays.field[b] * points.charges[point], peaks.peak[lane]
+                if counting:
+                    high[point] = max(high[point], level) if level >= peaks.least[lane] else high[point]
+                elif level > peak or (level == peak and point < peaks.best[lane]) or peak == -INFINITY:
+                    peaks.peak[lane], peaks.best[lane], peaks.least[lane] = level, point, level
+            number = _candidates(M, count, &at, high if counting else NULL, &peaks, rays)
+            if number == 0 and not counting and high != NULL:
+                counting, at = True, Cursor(0, 0)
+                for lane in range(count):
+                    peaks.least[lane] = max(share * peaks.peak[lane], least)
+                    if peaks.peak[lane] >= peaks.least[lane]:
+                        high[peaks.best[lane]] = max(high[peaks.best[lane]], peaks.peak[lane])
+                number = _candidates(M, count, &at, high, &peaks, rays)
+        for lane in range(count):
+            out[first + lane] = peaks.peak[lane]
+        if gradients != NULL:
+            for lane in range(filled):
+                rays.skeleton[lane], rays.which[lane] = lane, peaks.best[min(lane, count - 1)]
+                charges[lane] = points.charges[rays.which[lane]]
+            _cast_rays(s, frames, points, filled, rays)
+            _write_forces(s, charges, filled, rays, forces)
+            _jacobian_transpose_product(s, filled, frames, forces.forces, forces)
+            for lane in range(count):
+                for i in range(m):
+                    gradients[m * (first + lane) + i] = forces.gradient[W * i + lane]
+    free(memory)
+    return 0
+
+
+cdef int _gradients(
+    const Skeleton *s, const double *values, Py_ssize_t B, const Points *points, const Py_ssize_t *chosen,
+    const double *weights, Py_ssize_t J, double *out,
+) noexcept nogil:
+    """See `LaneFunctions.gradients`; points on a link have no gradient."""
+    cdef Py_ssize_t m = s.m, K = s.K, first, count, lanes, begin, number, rows, b, k, i
+    cdef Py_ssize_t numbers = _frames_size(s) + _rays_size(s) + _forces_size(s) + W + 3 * W * K + 64 * 8
+    cdef double *memory = <double *> malloc(numbers * sizeof(double))
+    cdef double *rest = memory
+    cdef Frames frames
+    cdef Rays rays
+    cdef Forces room
+    cdef double *some
+    cdef double *forces
+    if memory == NULL:
+        return -1
+    frames, rays, room = _frames(s, &rest), _rays_of(s, &rest), _forces_of(s, &rest)
+    some, forces = _take(&rest, W), _take(&rest, 3 * W * K)
+    for first in range(0, B, 16):
+        count = min(<Py_ssize_t> W, B - first)
+        lanes = _place(s, values + m * first, count, frames)
+        for k in range(3 * W * K):
+            forces[k] = 0.0
+        for begin in range(0, count * J, 16):
+            number = min(<Py_ssize_t> W, count * J - begin)
+            for b in range(number):
+                rays.skeleton[b] = (begin + b) // J
+                rays.which[b], some[b] = chosen[J * first + begin + b], weights[J * first + begin + b]
+            rows = _cast_rays(s, frames, points, number, rays)
+            for b in range(number, rows):
+                some[b] = 0.0
+            _write_forces(s, some, rows, rays, room)
+            for k in range(3 * K):
+                for b in range(number):
+                    forces[W * k + rays.skeleton[b]] += room.forces[W * k + b]
+        _jacobian_transpose_product(s, lanes, frames, forces, room)
+        for b in range(count):
+            for i in range(m):
+                out[m * (first + b) + i] = room.gradient[W * i + b]
+    free(memory)
+    return 0
+
+
+cdef LaneFunctions _functions = LaneFunctions(_block_size, _potentials, _highest, _gradients)
+
+functions = PyCapsule_New(&_functions, "safe_ompl.danger.LaneFunctions", NULL)

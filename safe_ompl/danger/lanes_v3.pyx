@@ -1,0 +1,3 @@
+"""`lanes.pyx`, compiled for processors with AVX2."""
+
+include "lanes.pyx"

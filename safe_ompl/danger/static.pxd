@@ -1,0 +1,26 @@
+"""The static danger field for compiled modules."""
+
+from safe_ompl.danger.skeleton cimport LaneFunctions, Points, Skeleton
+from safe_ompl.robot.kinematics cimport KeyPointTable
+
+# The build of the functions with lanes that this processor runs.
+cdef const LaneFunctions *lanes
+
+
+cdef class SkeletonTable:
+    cdef readonly KeyPointTable keys
+    cdef readonly object links
+    cdef Skeleton data
+
+
+cdef class DangerPointTable:
+    cdef readonly object columns, charges, single
+    cdef Points data
+
+
+cdef class PointDanger:
+    cdef readonly SkeletonTable skeleton
+    cdef readonly DangerPointTable points
+    cdef readonly int kind
+    cdef readonly double sharpness
+    cdef int write(self, const double *values, Py_ssize_t B, double *gradients, double *out) except -1 nogil

@@ -1,0 +1,173 @@
+"""Points on the surfaces of boxes, solids of revolution about z, and bodies made of capsules."""
+
+from libc.math cimport M_PI, ceil, cos, sin, sqrt
+
+import numpy as np
+
+from safe_ompl.common import InputError
+
+
+cdef Py_ssize_t _steps(double length, double step) noexcept nogil:
+    return max(<Py_ssize_t> 1, <Py_ssize_t> ceil(length / step - 1e-9))
+
+
+cdef int _check_spacing(double spacing) except -1:
+    if not spacing > 0.0:
+        raise InputError(f"spacing must be positive, got {spacing:g}")
+    return 0
+
+
+def box_points(const double[::1] size, double spacing):
+    """Return grid points (M, 3) on the faces of a box of so many metres `size: (3,)` about the origin, edges included.
+
+    The step between neighbours is at most `spacing` along x, y and z [m]. They are in order by x, then y, then z.
+    """
+    cdef Py_ssize_t X, Y, Z, i, j, k, row = 0
+    _check_spacing(spacing)
+    if size.shape[0] != 3:
+        raise InputError("a box must have three sides")
+    X, Y, Z = _steps(size[0], spacing), _steps(size[1], spacing), _steps(size[2], spacing)
+    found = np.empty(((X + 1) * (Y + 1) * (Z + 1) - (X - 1) * (Y - 1) * (Z - 1), 3))
+    cdef double[:, ::1] points = found
+    for i in range(X + 1):
+        for j in range(Y + 1):
+            for k in range(Z + 1):
+                if not (0 < i < X and 0 < j < Y and 0 < k < Z):
+                    points[row, 0] = i * (size[0] / X) - size[0] / 2 if i < X else size[0] / 2
+                    points[row, 1] = j * (size[1] / Y) - size[1] / 2 if j < Y else size[1] / 2
+                    points[row, 2] = k * (size[2] / Z) - size[2] / 2 if k < Z else size[2] / 2
+                    row += 1
+    return found
+
+
+def revolved_points(const double[:, ::1] profile, double spacing):
+    """Return points (M, 3) on a solid of revolution about z; every point of its surface is within `spacing` [m] of one.
+
+    The `profile: (K, 2)` has distance from the axis and height of the rings, from the bottom pole to the top pole, at
+    most `spacing` apart along the surface [m].
+    """
+    cdef Py_ssize_t most = 0, row = 0, r, k, count
+    cdef double angle
+    _check_spacing(spacing)
+    if profile.shape[1] != 2:
+        raise InputError("a profile must have two columns")
+    for r in range(profile.shape[0]):
+        most += _steps(2 * M_PI * profile[r, 0], spacing)
+    found = np.empty((most, 3))
+    cdef double[:, ::1] points = found
+    for r in range(profile.shape[0]):
+        count = _steps(2 * M_PI * profile[r, 0], spacing)
+        for k in range(count):
+            angle = 2 * M_PI * k / count
+            points[row, 0], points[row, 1] = profile[r, 0] * cos(angle), profile[r, 0] * sin(angle)
+            points[row, 2] = profile[r, 1]
+            row += 1
+    return found
+
+
+cdef object _capsule_rings(double radius, double length, double spacing):
+    """Return rings (K, 2) of a capsule about z, of a ball for length 0: distance from the axis, and height."""
+    cdef Py_ssize_t side = _steps(length, spacing) if length > 0.0 else 0, half, k
+    cdef double turn, height
+    half = _steps(M_PI / 2 * radius, spacing) if length > 0.0 else _steps(M_PI * radius, spacing)
+    found = np.empty((2 * half + side + 1 if length > 0.0 else half + 1, 2))
+    cdef double[:, ::1] rings = found
+    for k in range(rings.shape[0]):
+        # A quarter of a circle, the side, another quarter.
+        if length > 0.0:
+            turn = M_PI / 2 * (
+                <double> k / half - 1.0 if k < half else <double> max(<Py_ssize_t> 0, k - half - side) / half
+            )
+            height = length * (<double> min(max(k - half, <Py_ssize_t> 0), side) / side - 0.5)
+        else:
+            turn, height = M_PI * (<double> k / half - 0.5), 0.0
+        rings[k, 0] = max(0.0, radius * cos(turn))
+        rings[k, 1] = height + radius * sin(turn)
+    return found
+
+
+cdef void _write_frame(const double *axis, double length, double (*frame)[3]) noexcept nogil:
+    """Write the rotation (3, 3) that takes z to an axis on the shortest way; of no length: none."""
+    cdef Py_ssize_t a, b
+    cdef double x, y, z
+    for a in range(3):
+        for b in range(3):
+            frame[a][b] = 1.0 if a == b else 0.0
+    if length == 0.0:
+        return
+    x, y, z = axis[0] / length, axis[1] / length, axis[2] / length
+    if z < -1.0 + 1e-12:
+        frame[1][1] = frame[2][2] = -1.0
+        return
+    frame[0][0], frame[0][1], frame[0][2] = 1.0 - x * x / (1.0 + z), -x * y / (1.0 + z), x
+    frame[1][0], frame[1][1], frame[1][2] = frame[0][1], 1.0 - y * y / (1.0 + z), y
+    frame[2][0], frame[2][1], frame[2][2] = -x, -y, z
+
+
+cdef double _depth(
+    const double *point, const double *start, const double *axis, double squared, double radius
+) noexcept nogil:
+    """Return how deep a point lies inside the capsule about start … start + axis; negative outside [m]."""
+    cdef double t = 0.0, away = 0.0, step
+    cdef Py_ssize_t x
+    if squared > 0.0:
+        for x in range(3):
+            t += (point[x] - start[x]) * axis[x]
+        t = min(1.0, max(0.0, t / squared))
+    for x in range(3):
+        step = point[x] - start[x] - t * axis[x]
+        away += step * step
+    return radius - sqrt(away)
+
+
+def capsule_points(
+    const double[:, ::1] starts, const double[:, ::1] ends, const double[::1] radii, double spacing
+):
+    """Return points (M, 3) [m] on L capsules, those deeper than `spacing` inside another one left out.
+
+    `starts` and `ends` (L, 3) are those of their axes [m], the same for a ball; `radii: (L,)` [m]. Every point of a
+    capsule's surface is within `spacing` of one of its points [m].
+    """
+    cdef Py_ssize_t L = radii.shape[0], most = 0, kept = 0, i, j, k, r, a, x, count
+    cdef double angle, u, v, w
+    cdef double frame[3][3]
+    cdef bint inside
+    cdef const double[:, ::1] rings
+    _check_spacing(spacing)
+    if starts.shape[0] != L or ends.shape[0] != L or starts.shape[1] != 3 or ends.shape[1] != 3:
+        raise InputError(f"starts and ends must have shape ({L}, 3)")
+    directions, squares = np.empty((L, 3)), np.zeros(L)
+    cdef double[:, ::1] axes = directions
+    cdef double[::1] squared = squares
+    profiles = []
+    for i in range(L):
+        for x in range(3):
+            axes[i, x] = ends[i, x] - starts[i, x]
+            squared[i] += axes[i, x] * axes[i, x]
+        rings = profile = _capsule_rings(radii[i], sqrt(squared[i]), spacing)
+        profiles.append(profile)
+        for r in range(rings.shape[0]):
+            most += _steps(2 * M_PI * rings[r, 0], spacing)
+    # A point stays where nothing is deeper than the spacing; else the next one takes its place.
+    found = np.empty((most + 1, 3))
+    cdef double[:, ::1] points = found
+    for i in range(L):
+        _write_frame(&axes[i, 0], sqrt(squared[i]), frame)
+        rings = profiles[i]
+        for r in range(rings.shape[0]):
+            count = _steps(2 * M_PI * rings[r, 0], spacing)
+            for k in range(count):
+                angle = 2 * M_PI * k / count
+                u, v, w = rings[r, 0] * cos(angle), rings[r, 0] * sin(angle), rings[r, 1]
+                for a in range(3):
+                    points[kept, a] = (
+                        (starts[i, a] + ends[i, a]) / 2 + frame[a][0] * u + frame[a][1] * v + frame[a][2] * w
+                    )
+                inside = False
+                for j in range(L):
+                    if j != i and _depth(&points[kept, 0], &starts[j, 0], &axes[j, 0], squared[j], radii[j]) > spacing:
+                        inside = True
+                        break
+                if not inside:
+                    kept += 1
+    return found[:kept].copy()
