@@ -49,6 +49,7 @@ if TYPE_CHECKING:
         seed as seed,
         shaped_configuration as shaped_configuration,
         shown as shown,
+        told_apart as told_apart,
         whole_number as whole_number,
     )
     from safe_ompl.common.machine_code import origin as origin

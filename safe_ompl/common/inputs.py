@@ -218,3 +218,12 @@ def _radical_inverse(index: int, base: int) -> float:
         place /= base
         inverse += digit * place
     return inverse
+
+
+def told_apart(value: float, *others: float) -> tuple[str, ...]:
+    """Return numbers for a message, the first with as many digits as tell it from the others."""
+    for digits in range(6, 18):
+        shown = tuple(f"{number:.{digits}g}" for number in (value, *others))
+        if shown[0] not in shown[1:]:
+            break
+    return shown

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, InputError, IntArray, motion_ends, number
+from safe_ompl.common import FloatArray, InputError, IntArray, motion_ends, number, told_apart
 from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.kernels.field import Ends, chords
 from safe_ompl.danger.link_field import segment_bounds
@@ -338,7 +338,8 @@ def _check_strokes(robot: Robot, path: FloatArray) -> None:
     strokes = robot.coupling.radii(robot.joint_prismatic.astype(np.float64)) > 0
     for q in path:
         for i in np.flatnonzero(~robot.within_limits(q) & strokes):
+            value, low, high = told_apart(q[i], robot.lower[i], robot.upper[i])
+            which = robot.joint_names[i]
             raise InputError(
-                f"joint {robot.joint_names[i]!r} = {q[i]:g} is outside its limits "
-                f"[{robot.lower[i]:g}, {robot.upper[i]:g}]: nothing is proven of it there"
+                f"joint {which!r} = {value} is outside its limits [{low}, {high}]: nothing is proven of it there"
             )

@@ -373,17 +373,23 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         problem.addSolutionPath(solution, approximate, max(0.0, difference), name)
         self.problem.begin()
 
-    def report(self, path: ArrayLike) -> simplification.PathReport:
-        """Validate a path (N, n), and return the report on it; danger and clearance are computed when looked at."""
-        return simplification.PathReport.of(path, self.checker, self.field, self.motion_prover)
+    def _rows(self, path: Any) -> Any:
+        """Return the way points (N, n) of a path, which may be one of OMPL's."""
+        if not isinstance(path, og.PathGeometric):
+            return path
+        return np.array([self.bridge.read(path.getState(k)) for k in range(path.getStateCount())])
 
-    def is_free(self, path: ArrayLike) -> simplification.Validation:
-        """Return whether a path (N, n) may be driven in this scene, under the constraints set now.
+    def report(self, path: ArrayLike | og.PathGeometric) -> simplification.PathReport:
+        """Validate a path, (N, n) or OMPL's, and return the report on it; danger and clearance come when looked at."""
+        return simplification.PathReport.of(self._rows(path), self.checker, self.field, self.motion_prover)
+
+    def is_free(self, path: ArrayLike | og.PathGeometric) -> simplification.Validation:
+        """Return whether a path, (N, n) or OMPL's, may be driven in this scene, under the constraints set now.
 
         The `Validation` is true if so; else `why` names the edge and the pair, and `refused` holds them. An InputError
         if the path is empty, has the wrong shape, or is not finite.
         """
-        return simplification.validate(path, self.motion_prover)
+        return simplification.validate(self._rows(path), self.motion_prover)
 
     def getPlannerData(self, data: Any) -> None:
         """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`."""

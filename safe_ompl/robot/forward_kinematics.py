@@ -23,6 +23,7 @@ from safe_ompl.common import (
     configuration,
     finite_array,
     polynomials,
+    told_apart,
 )
 from safe_ompl.robot import kernels as kernel
 from safe_ompl.robot.displacement_bounds import JointChain
@@ -249,11 +250,11 @@ class ForwardKinematics:
     def beyond_limits(self, q: FloatArray) -> str | None:
         """Return which joint is outside its limits at `q: (n,)`, with its value and these; None if none is."""
         for i in () if self.joint_limits.hold(q) else np.flatnonzero(~self.within_limits(q)):
-            limits = f"[{self.lower[i]:g}, {self.upper[i]:g}]"
+            value, low, high = told_apart(q[i], self.lower[i], self.upper[i])
             turned = np.radians(q[i])  # what is more than a turn, and fits so, was meant in degrees
             likely = abs(q[i]) > 2 * np.pi and self.lower[i] <= turned <= self.upper[i]
             hint = f"; degrees? {q[i]:g}° are {turned:.4g} rad" if likely and not self.prismatic[i] else ""
-            return f"joint {self.joint_names[i]!r} = {q[i]:g} is outside its limits {limits}{hint}"
+            return f"joint {self.joint_names[i]!r} = {value} is outside its limits [{low}, {high}]{hint}"
         return None
 
     def keypoints(self, q: ArrayLike) -> FloatArray:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError
+from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, told_apart
 
 _log = logging.getLogger(__name__)
 
@@ -191,7 +191,10 @@ def with_mimics(
         if joint.nv > 1 and value != 0:
             raise InputError(f"locked joint {name!r}: a {joint.shortname()} can be locked at 0 only", source)
         if not low - 1e-9 <= value <= high + 1e-9:
-            raise InputError(f"locked joint {name!r}: {value:g} is outside its limits [{low:g}, {high:g}]", source)
+            shown = told_apart(value, low, high)
+            raise InputError(
+                f"locked joint {name!r}: {shown[0]} is outside its limits [{shown[1]}, {shown[2]}]", source
+            )
     implied = {}
     for name, mimic in mimics.items():
         if name not in names or name in held:

@@ -202,11 +202,19 @@ _CURVED = tuple(
 )
 
 
+def _named(space: Any) -> str:
+    """Return a space's name and type, for messages; the bindings cannot give the names of constrained spaces."""
+    try:
+        return f"{space.getName()!r} ({type(space).__name__})"
+    except TypeError:
+        return type(space).__name__
+
+
 def _coordinates_of(space: Any) -> tuple[list[bool], list[float], list[float]]:
     """Return which coordinates of a space wrap, and their bounds."""
     if isinstance(space, _CURVED):
         raise InputError(
-            f"state space {space.getName()!r} ({type(space).__name__}): its motions are curves; only spaces of "
+            f"state space {_named(space)}: its motions are curves; only spaces of "
             "straight motions can be planned in (real vectors, SO(2) and compounds of these, such as SE2StateSpace)"
         )
     if isinstance(space, ob.SO2StateSpace):
@@ -218,7 +226,4 @@ def _coordinates_of(space: Any) -> tuple[list[bool], list[float], list[float]]:
         parts = [_coordinates_of(space.getSubspace(i)) for i in range(space.getSubspaceCount())]
         wraps, lower, upper = (list(chain.from_iterable(each)) for each in zip(*parts, strict=True))
         return wraps, lower, upper
-    raise InputError(
-        f"state space {space.getName()!r} ({type(space).__name__}): only real vectors, SO(2) and compounds of these "
-        "can be planned in"
-    )
+    raise InputError(f"state space {_named(space)}: only real vectors, SO(2) and compounds of these can be planned in")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from ompl import base as ob, geometric as og
 
-from safe_ompl.common import FloatArray, halton_point
+from safe_ompl.common import FloatArray, InputError, halton_point
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl.validity import CollisionFreeValidity, bridge_of
 from safe_ompl.robot import ScratchState, StateBridge
@@ -145,7 +145,14 @@ class StateCost:
             return np.zeros(len(Q))
         if hasattr(self._objective, "values"):
             return np.asarray(self._objective.values(Q), dtype=np.float64)
-        return np.array([self._objective.stateCost(self._scratch.set(q)).value() for q in Q])
+        return np.array([self._state_cost(q) for q in Q], dtype=np.float64)
+
+    def _state_cost(self, q: FloatArray) -> float:
+        """Return the objective's cost of a state at `q: (n,)`; InputError if that is no `ob.Cost`."""
+        cost = self._objective.stateCost(self._scratch.set(q))
+        if not isinstance(cost, ob.Cost):
+            raise InputError(f"{type(self._objective).__name__}.stateCost must return an ob.Cost, got {cost!r}")
+        return float(cost.value())
 
     @property
     def has_gradients(self) -> bool:

@@ -1,0 +1,74 @@
+"""What is asked of OMPL's objects is answered or refused in words; no refusal fails itself."""
+
+import numpy as np
+import pytest
+from ompl import base as ob, geometric as og
+
+from safe_ompl import InputError, SafePRM, SafeRRTConnect, SafeSetup, Scene
+from safe_ompl.common import told_apart
+
+
+class OnPlane(ob.Constraint):
+    """x = 0 in three dimensions."""
+
+    def __init__(self):
+        super().__init__(3, 1)
+
+    def function(self, x, out):
+        out[0] = x[0]
+
+
+@pytest.mark.parametrize("kind", ["ProjectedStateSpace", "AtlasStateSpace", "TangentBundleStateSpace"])
+def test_constrained_spaces_are_refused_by_name(kind):
+    ambient, bounds = ob.RealVectorStateSpace(3), ob.RealVectorBounds(3)
+    bounds.setLow(-1.0)
+    bounds.setHigh(1.0)
+    ambient.setBounds(bounds)
+    si = ob.SpaceInformation(getattr(ob, kind)(ambient, OnPlane()))
+    with pytest.raises(InputError, match=f"state space .*{kind}.*can be planned in"):
+        SafeRRTConnect(si)
+
+
+class Unpriced(ob.OptimizationObjective):
+    """Its costs of states are plain numbers."""
+
+    def stateCost(self, state):
+        return 3.0
+
+    def motionCost(self, start, end):
+        return ob.Cost(1.0)
+
+
+@pytest.mark.parametrize("planner", [SafeRRTConnect, SafePRM])
+def test_costs_that_are_plain_numbers_are_refused(ur5, planner):
+    setup = SafeSetup(ur5, Scene(()))
+    setup.setConfigurations(np.zeros(6), np.full(6, 0.5))
+    setup.setOptimizationObjective(Unpriced(setup.getSpaceInformation()))
+    setup.setPlanner(planner(setup.getSpaceInformation()))
+    with pytest.raises(InputError, match=r"Unpriced.stateCost must return an ob.Cost, got 3.0"):
+        setup.solve(1.0)
+
+
+def test_a_path_of_ompl_is_reported_as_its_way_points_are(ur5):
+    setup = SafeSetup(ur5, Scene(()))
+    rows = np.array([np.zeros(6), np.full(6, 0.5)])
+    path = og.PathGeometric(setup.getSpaceInformation())
+    for q in rows:
+        state = setup.getStateSpace().allocState()
+        state[0:6] = q.tolist()
+        path.append(state)
+    assert setup.report(path).certified
+    assert setup.report(path).length == setup.report(rows).length
+    assert setup.is_free(path)
+
+
+@pytest.mark.parametrize(
+    ("value", "limits", "shown"),
+    [
+        (3.14159265359, (-3.14159265358, 3.14159265358), "3.14159265359"),
+        (3.2, (-3.14159265358, 3.14159265358), "3.2"),
+        (np.nextafter(1.0, 2.0), (-1.0, 1.0), "1.0000000000000002"),
+    ],
+)
+def test_a_value_outside_is_told_from_its_limits(value, limits, shown):
+    assert told_apart(value, *limits)[0] == shown
