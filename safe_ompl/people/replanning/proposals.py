@@ -23,6 +23,8 @@ _SHORTEST = 1e-3  # [s] of a change of velocity
 _DAMPING = 0.05  # [m/rad] of the inverse of the Jacobian
 _LEFT_OUT = (0, 2)  # of the next positions, where the robot cannot go through them in its direction
 _AT_REST = 1e-9  # [rad/s]
+# Velocities are proposed at most so many times as fast as the limits of the joints, as chunks of positions are.
+_FASTEST = 2.0
 # Cosine of the largest angle between how a robot moves and the way to the next position at which a curve may begin
 # faster than the robot is. Such a curve leaves the straight way to that position by at most 4/27 of the sine times its
 # length, 13 %.
@@ -281,6 +283,10 @@ class Velocity:
             jacobian = self.robot.tip_jacobian(state.q)
             damped = jacobian @ jacobian.T + _DAMPING**2 * np.eye(6)
             target = jacobian.T @ np.linalg.solve(damped, target)
+        # The curve of a velocity that no joint can have is long, and has cells without end. A slower one in the same
+        # direction leads the same way, and the robot drives neither faster than its limits.
+        fastest = float((np.abs(target) / self.limits.velocity).max())
+        target = target * min(1.0, _FASTEST / max(fastest, _FASTEST))
         limits, still = self.limits, np.zeros_like(target)
         if limits.jerk is None:
             pushes = _SHARE * limits.acceleration

@@ -94,3 +94,15 @@ def test_whatever_it_does_it_goes_no_farther_than_it_needs_to_brake(n, rate, kno
     assert (q.max(axis=0) <= np.maximum(q0, hold) + np.where(up, beyond, behind)).all()
     assert (q.min(axis=0) >= np.minimum(q0, hold) - np.where(up, behind, beyond)).all()
     np.testing.assert_allclose(q[-1], hold, atol=5e-3)
+
+
+@pytest.mark.parametrize("jerk", [None, 500.0])
+@pytest.mark.parametrize("huge", [1e2, 1e6, 1e300])
+def test_a_velocity_that_no_joint_can_have_is_followed_as_one_of_twice_the_limits(jerk, huge):
+    """Its curve would have cells in proportion, and a command took seconds, or did not end."""
+    driven = []
+    for speed in (huge, 4.0):
+        shield = shield_of(5, 50, jerk)
+        driven.append(states(shield, 0.0, 12, lambda now, s=shield, v=speed: s.propose_velocity([v, 0, 0, 0, -v / 2])))
+    np.testing.assert_allclose(driven[0][0], driven[1][0], atol=1e-9)
+    assert driven[0][0][-1, 0] > 1e-3
