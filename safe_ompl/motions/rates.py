@@ -181,7 +181,8 @@ def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, peo
         joint = int((last / limits.velocity).argmax())
         raise InputError(
             f"must end at rest where it is to stop before people, and {limits.joint_names[joint]!r} ends at "
-            f"{last[joint]:.3g} rad/s or m/s; without people it need not",
+            f"{last[joint]:.3g} rad/s or m/s: let it end at rest, or check it without people "
+            "(`people=None`, `--no-people`)",
             "motion",
         )
     return stops_beside(motion, _stop_cells(motion), BodySpeeds(checker.robot), limits, distances)
