@@ -375,9 +375,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
 
     def _rows(self, path: Any) -> Any:
         """Return the way points (N, n) of a path, which may be one of OMPL's."""
-        if not isinstance(path, og.PathGeometric):
-            return path
-        return np.array([self.bridge.read(path.getState(k)) for k in range(path.getStateCount())])
+        return self.bridge.way_points(path) if isinstance(path, og.PathGeometric) else path
 
     def report(self, path: ArrayLike | og.PathGeometric) -> simplification.PathReport:
         """Validate a path, (N, n) or OMPL's, and return the report on it; danger and clearance come when looked at."""

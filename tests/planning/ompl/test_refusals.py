@@ -6,6 +6,7 @@ from ompl import base as ob, geometric as og
 
 from safe_ompl import InputError, SafePRM, SafeRRTConnect, SafeSetup, Scene
 from safe_ompl.common import told_apart
+from safe_ompl.robot import ScratchState
 
 
 class OnPlane(ob.Constraint):
@@ -60,6 +61,14 @@ def test_a_path_of_ompl_is_reported_as_its_way_points_are(ur5):
     assert setup.report(path).certified
     assert setup.report(path).length == setup.report(rows).length
     assert setup.is_free(path)
+
+
+def test_a_path_of_ompl_over_the_half_turn_goes_the_short_way(kinova):
+    setup = SafeSetup(kinova, Scene(()))
+    path, scratch = og.PathGeometric(setup.getSpaceInformation()), ScratchState(setup.bridge)
+    for first in (3.0, -3.0):
+        path.append(scratch.set(np.array([first, 2.9, 1.3, 3.0, 1.8, -3.0])))
+    assert setup.report(path).length == pytest.approx(2 * np.pi - 6)
 
 
 @pytest.mark.parametrize(
