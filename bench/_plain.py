@@ -74,6 +74,9 @@ class PlainGeometry:
         # A joint that moves both bodies of a pair changes nothing between them.
         self._chains_of_pairs = np.where((first > 0) != (second > 0), first + second, 0.0)
         self.data, self._results = self.model.createData(), pin.GeometryData(self.geometry)
+        # Without contacts coal misses some overlaps of cylinders.
+        for request in self._results.collisionRequests:
+            request.enable_contact = True
 
     def _chains(self, body: pin.GeometryObject) -> FloatArray:
         """Return how far (m,) the end of a body can be from each joint that moves it [m]; 1 where the joint slides."""
