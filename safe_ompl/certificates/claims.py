@@ -408,7 +408,8 @@ class Certificate(Claimed):
 
     format: str = key(document.one_of, known=[schema.FORMAT])
     version: int = key(document.one_of, known=[schema.VERSION])
-    source: Any = key(document.plain)  # what the file says it was made from: neither read nor printed
+    # What the file says it was made from. The verifier neither reads nor prints it.
+    source: Any = key(document.plain)
     robot: RobotDocument = key(document.section, kind=RobotDocument)
     scene: SceneDocument = key(document.section, kind=SceneDocument)
     joint_names: tuple[str, ...] = key(document.each, read=document.line)
@@ -439,9 +440,12 @@ class Contact(Section):
 class StretchClaims(Claimed):
     """One stretch of a program: what changes hands before it, what may touch on it, its motion, what is claimed."""
 
-    step: str = key(document.line, default="")  # in words: neither read nor printed
-    detach: tuple[str, ...] = key(document.each, default=(), read=document.line)  # objects that are put down
-    attach: Mapping[str, str] = key(document.by_name, factory=dict, read=document.line)  # the tip that takes an object
+    # The step in words. The verifier neither reads nor prints it.
+    step: str = key(document.line, default="")
+    # The objects that are put down before the stretch.
+    detach: tuple[str, ...] = key(document.each, default=(), read=document.line)
+    # The objects that are taken before the stretch, with the tip that takes each.
+    attach: Mapping[str, str] = key(document.by_name, factory=dict, read=document.line)
     contacts: tuple[Contact, ...] = key(document.each, default=(), read=document.section, kind=Contact)
 
 

@@ -57,8 +57,11 @@ _KIND = ("aggregate", "weighting", "k1", "sharpness")  # of a danger
 _IN_MOTION = ("k2", "gamma")  # what that of a motion in time has besides
 _LEAST_SLACK = 0.03  # of the danger that is claimed, so that it can be confirmed by plain means
 _OF_MOTION = ("times", "coefficients", "timed", "slack", "rounding")
-_SAME_TIME = 1e-6  # [s] rounding of sums of durations
-_SAME_PLACE = 1e-6  # [m and rad] rounding of forward kinematics; what is written down is what the verifier computes
+# Stretches follow each other if their times differ by no more than sums of durations are rounded.
+_SAME_TIME = 1e-6  # [s]
+# Objects are in the same place if they are no farther apart than forward kinematics is rounded. The certificate holds
+# what the verifier computes.
+_SAME_PLACE = 1e-6  # [m and rad]
 
 
 def _widths(key: str, value: Any) -> FloatArray | None:

@@ -33,11 +33,10 @@ from libc.string cimport memset
 
 from safe_ompl.geometry.convex cimport (
     Body, Bodies, Bounds, Pose, Search, ShapeTable, Vector, begin_axis, distance_bounds, from_box, nearest_in_simplex,
-    outer_bound, place_moving, place_still,
+    outer_bound, place_moving,
 )
 from safe_ompl.robot.kinematics cimport EdgeTable, Joint, JointTable, edge_between, move_joints, place_joints
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -54,7 +53,7 @@ BLOCK = 64
 
 cdef enum:
     MOST_PAIRS = 64       # of a group
-    FEW_PAIRS = 2 * LANES # of a group whose box is not looked at
+    FEW_PAIRS = 2 * LANES  # of a group whose box is not looked at
     RUN = 8               # groups that are left out together
     INTERVALS = 64        # the most that may wait to be proven
     SUSPECTS = 8          # pairs that blocked motions last

@@ -14,7 +14,7 @@ from libc.string cimport memset
 from cpython.pycapsule cimport PyCapsule_New
 
 from safe_ompl.danger.skeleton cimport ROUNDING, SERIES, ZERO, LaneFunctions, Points, Skeleton, half_gap
-from safe_ompl.robot.kinematics cimport Joint, KeyPoint
+from safe_ompl.robot.kinematics cimport Joint
 
 
 cdef extern from "math.h" nogil:
@@ -708,7 +708,7 @@ cdef int _highest(
 
     Levels are computed where a bound in single precision does not tell that they are lower.
     """
-    cdef Py_ssize_t m = s.m, K = s.K, M = points.M, first, count, filled, lane, number, lanes, b, k, x, i, point
+    cdef Py_ssize_t m = s.m, K = s.K, M = points.M, first, count, filled, lane, number, lanes, b, k, i, point
     # Each of some forty arrays may be rounded up by 7 numbers.
     cdef Py_ssize_t numbers = (
         _frames_size(s) + _rays_size(s) + _forces_size(s) + _peaks_size(K, M) + W + 3 * K + 64 * 8

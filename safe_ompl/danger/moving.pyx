@@ -32,7 +32,7 @@ from libc.math cimport INFINITY, atan2, copysign, fabs, hypot, log, log1p, sqrt
 from libc.stdlib cimport free, malloc
 
 from safe_ompl.danger.skeleton cimport SERIES, ZERO, Skeleton, half_gap
-from safe_ompl.danger.static cimport DangerPointTable, SkeletonTable, lanes
+from safe_ompl.danger.static cimport SkeletonTable, lanes
 from safe_ompl.robot.kinematics cimport key_point_velocities, move_joints, place_joints, place_key_points
 
 import numpy as np

@@ -10,8 +10,8 @@ from libc.math cimport INFINITY, exp, fabs, log, sqrt
 from libc.stdlib cimport free, malloc
 from libc.string cimport memset
 
-from safe_ompl.danger.skeleton cimport ZERO, LaneFunctions, Points, Skeleton, half_gap
-from safe_ompl.robot.kinematics cimport KeyPointTable, place_joints, place_key_points
+from safe_ompl.danger.skeleton cimport ZERO, LaneFunctions, Points, half_gap
+from safe_ompl.robot.kinematics cimport KeyPointTable
 
 from importlib import import_module
 
@@ -221,8 +221,8 @@ cdef class PointDanger:
         by |f₀ − 2f₁ + f₂|/12 from it. The panel is halved where that is more than the relative tolerance times the
         mean.
         """
-        cdef double mean = 0.0, total = 0.0, begin, length, f0, f1, f2, middle
-        cdef Py_ssize_t evaluations = 2 * panels + 1, k, half, m = ends.shape[1]
+        cdef double mean = 0.0, total = 0.0, begin, length, f0, f1, f2
+        cdef Py_ssize_t evaluations = 2 * panels + 1, k, half
         cdef double[::1] found = self._between(ends, np.arange(2 * panels + 1) / (2 * panels))
         # Panels: where they begin, how long they are, and three values.
         rest = []

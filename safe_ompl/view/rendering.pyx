@@ -1,6 +1,6 @@
 """Pictures of triangles in light: a z-buffer, shadow maps, and the colour of each pixel."""
 
-from libc.math cimport INFINITY, ceil, floor, isfinite, pow, rint, sqrt
+from libc.math cimport ceil, floor, isfinite, pow, rint, sqrt
 
 from typing import NamedTuple
 

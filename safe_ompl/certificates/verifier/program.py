@@ -35,7 +35,8 @@ from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.robot import Attachment, Robot
 from safe_ompl.scene import CONTACT_DEPTH, Attach, Detach, Program, Scene, Step
 
-_DEEPER = 1e-9  # relative: depths that differ by less are the same
+# Depths whose relative difference is below this are the same: they are written as decimal numbers.
+_DEEPER = 1e-9
 
 
 class Cell:

@@ -157,7 +157,8 @@ def proven(
 ) -> tuple[int, int, int]:
     """Return the number of pieces, parts and distances that the proof of all that is claimed of a motion took."""
     claims.check_for(robot, scene)
-    with np.errstate(over="raise"):  # what is too large to be compared holds nowhere
+    # Numbers that are too large to be compared would satisfy no limit and violate none.
+    with np.errstate(over="raise"):
         separations = Separations(robot, scene, claims, budget)
         found = check_polynomials(claims, robot, scene, separations, motion or RecordedMotion(claims.motion))
         check_trajectory(claims, robot, scene, separations)

@@ -286,7 +286,7 @@ class Velocity:
         # The curve of a velocity that no joint can have is long, and has cells without end. A slower one in the same
         # direction leads the same way, and the robot drives neither faster than its limits.
         fastest = float((np.abs(target) / self.limits.velocity).max())
-        target = target * min(1.0, _FASTEST / max(fastest, _FASTEST))
+        target = target * (_FASTEST / max(fastest, _FASTEST))
         limits, still = self.limits, np.zeros_like(target)
         if limits.jerk is None:
             pushes = _SHARE * limits.acceleration

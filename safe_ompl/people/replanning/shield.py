@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
-from safe_ompl.common import InputError, SafeOmplError, finite_array, told_apart
+from safe_ompl.common import InputError, SafeOmplError, finite_array
 from safe_ompl.motions import Motion, RateLimits, State
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guard import Command, Doing, Guard
@@ -101,10 +101,8 @@ class Shield(Guard):
         if last is not None and last.doing not in (Doing.DONE, Doing.STANDING):
             raise InputError("the robot still moves: start when it stands or is done")
         here = self.robot.configuration(q)
-        for i in np.flatnonzero(~self.robot.within_limits(here)):
-            value, low, high = told_apart(here[i], self.robot.lower[i], self.robot.upper[i])
-            which = self.robot.joint_names[i]
-            raise InputError(f"joint {which!r} = {value} is outside its limits [{low}, {high}]", "start")
+        if (beyond := self.robot.beyond_limits(here)) is not None:
+            raise InputError(beyond, "start")
         still = np.zeros(self.robot.n)
         piece = Piece(here, still, still, still, 1.0)
         self._rest = rest = self._path(curve_of([piece]))

@@ -5,7 +5,6 @@ the gradients mean f·Δ/ℓ + ℓ·mean_j t_j ∇f_j at its end and −mean f·
 """
 
 from libc.math cimport INFINITY, M_PI, ceil, fabs, rint, sqrt
-from libc.stdlib cimport free, malloc
 
 from safe_ompl.collision.proofs cimport DistanceBounds, Outcome, Required, Workspace, prove_edge
 from safe_ompl.danger.static cimport PointDanger
@@ -292,7 +291,7 @@ cdef class Densities:
         The gradient (N, n) is written. Unless they are None, about the Hessian is added to blocks (N, n, n), and
         (N − 1, n, n) beside them.
         """
-        cdef Py_ssize_t N = path.shape[0], n = path.shape[1], m = self.terms.m, B = 2 * N - 2, c
+        cdef Py_ssize_t N = path.shape[0], n = path.shape[1], m = self.terms.m, B = 2 * N - 2
         cdef double value, close = 0.0
         cdef bint known = danger is not None
         nodes, joints = np.empty((B, n)), np.empty((B, m))
@@ -333,7 +332,7 @@ cdef class Densities:
         `longest` [rad].
         """
         cdef DangerTerms terms = self.terms
-        cdef Py_ssize_t m = terms.m, c, i
+        cdef Py_ssize_t m = terms.m, c
         cdef double cost, excess
         values, own = np.empty((1, m)), np.zeros(1)
         slopes = np.zeros((1, m))
