@@ -31,7 +31,7 @@ SCALAR = [
     "safe_ompl.danger.moving",
     "safe_ompl.planning.simplification.costs",
     "safe_ompl.geometry.surface_points",
-    "safe_ompl.view.rendering",
+    "safe_ompl.drawing.rendering",
 ]
 # Modules that compute several numbers side by side, by SIMD instructions. NAME.pyx is compiled for all processors, and
 # NAME_v3.pyx, which includes NAME.pyx, for those with AVX2; the package chooses when it is imported.

@@ -10,7 +10,7 @@ import pinocchio as pin
 from bench._plain import fresh_data
 from safe_ompl import People, Robot, Scene
 from safe_ompl.common import FloatArray
-from safe_ompl.people.simulation import ContactMonitor, NearestLimb, Solid
+from safe_ompl.live.simulation import ContactMonitor, NearestLimb, Solid
 
 TRUNK = ("neck", "shoulders", "torso", "hips", "left_flank", "right_flank")
 DIAMETERS = {"upper_arm": 0.056, "forearm": 0.048, "hand": 0.048, "thigh": 0.09, "shank": 0.064, "foot": 0.044}

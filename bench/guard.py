@@ -36,13 +36,13 @@ from safe_ompl import (
     Sphere,
     time_path,
 )
-from safe_ompl.apps.exchange import Cell, Code, ControlOptions, Execution, LiveController, Outcome, TrajectoryGuard
-from safe_ompl.apps.exchange.execution import Tolerance
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import STANDING
-from safe_ompl.people import Surroundings, Tracker
-from safe_ompl.people.replanning import PathLimits, Shield
-from safe_ompl.people.simulation import ALL_KEYPOINTS, ContactMonitor, Solid, limb_solids, part_solids
+from safe_ompl.live import Surroundings, Tracker
+from safe_ompl.live.replanning import PathLimits, Shield
+from safe_ompl.live.ros import Cell, Code, ControlOptions, Execution, LiveController, Outcome, TrajectoryGuard
+from safe_ompl.live.ros.execution import Tolerance
+from safe_ompl.live.simulation import ALL_KEYPOINTS, ContactMonitor, Solid, limb_solids, part_solids
 from safe_ompl.planning import setup_scenario
 from safe_ompl.scene import Goal
 

@@ -1,6 +1,6 @@
 """A Panda beside recorded people: the replanner against stop-and-go on the same path, and against an empty cell.
 
-FOLDER has recordings (.npz, see `safe_ompl.people.Recording`). Every clip is placed beside the arm at so many places
+FOLDER has recordings (.npz, see `safe_ompl.live.Recording`). Every clip is placed beside the arm at so many places
 drawn from a seed, and played while the arm goes to and fro as in `scenarios/panda_shelf.yaml`. A contact monitor looks
 for contacts. Stop-and-go drives at full, half and a quarter of the speed: a slower robot stops sooner.
 
@@ -28,12 +28,12 @@ from bench._touches import TouchJudge
 from safe_ompl import People, Pose, RateLimits, Replanner, Robot, Scenario, Surroundings, Tracker, Trajectory, time_path
 from safe_ompl.collision import MotionProver
 from safe_ompl.danger import DangerField
+from safe_ompl.live import Recording, TrackedBody, facing, list_clips
+from safe_ompl.live.replanning import Command, Doing, ReplanningOptions, Tour
+from safe_ompl.live.replanning.guarded_path import Around, GuardedPath, MotionMargin
+from safe_ompl.live.replanning.stop_motion import StopMotion
+from safe_ompl.live.simulation import Faults, Playback, Simulation
 from safe_ompl.motions.contact import CONTACT_RULES
-from safe_ompl.people import Recording, TrackedBody, facing, list_clips
-from safe_ompl.people.replanning import Command, Doing, ReplanningOptions, Tour
-from safe_ompl.people.replanning.guarded_path import Around, GuardedPath, MotionMargin
-from safe_ompl.people.replanning.stop_motion import StopMotion
-from safe_ompl.people.simulation import Faults, Playback, Simulation
 
 CLAIM = "no contact while moving as long as people keep to the promise, at many times the tasks of stop-and-go"
 HANDS = {f"{side}_{limb}": 2.0 for side in ("left", "right") for limb in ("forearm", "hand")}  # [m/s]

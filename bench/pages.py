@@ -42,14 +42,14 @@ from safe_ompl import (
 from safe_ompl.apps.cli.program import main as safe_ompl_command
 from safe_ompl.collision import bubbles
 from safe_ompl.common import FloatArray
+from safe_ompl.drawing import ViewerContent, read_recording, render_comparison, render_path, save_picture
+from safe_ompl.drawing.drawn_scene import DrawnScene, best_view
+from safe_ompl.drawing.plots import plot_profiles, plot_speeds
+from safe_ompl.drawing.viewer import save_page
 from safe_ompl.geometry import STANDING
 from safe_ompl.io.motions import TimedMotion
-from safe_ompl.people.skeletons import find_skeleton
+from safe_ompl.live.skeletons import find_skeleton
 from safe_ompl.planning import setup_scenario
-from safe_ompl.view import ViewerContent, read_recording, render_comparison, render_path, save_picture
-from safe_ompl.view.drawn_scene import DrawnScene, best_view
-from safe_ompl.view.plots import plot_profiles, plot_speeds
-from safe_ompl.view.viewer import save_page
 
 CLAIM = "the pictures of the pages"
 ROOT = Path(__file__).parents[1]
@@ -312,10 +312,10 @@ def region() -> None:
 
 
 FLOORS = (
-    ("programs", "apps/cli · apps/benchmark · view", "commands, benchmarks, the browser, pictures and plots"),
+    ("programs", "apps/cli · apps/benchmark · drawing", "commands, benchmarks, the browser, pictures and plots"),
     (
         "files and people",
-        "tasks · io · certificates · people/replanning · people/simulation",
+        "tasks · io · certificates · live/…",
         "tool motions, programs; what leaves the package, and what is driven beside people",
     ),
     (
@@ -323,7 +323,7 @@ FLOORS = (
         "planning · planning/planners · planning/simplification · planning/ompl",
         "SafeSetup, planners, reports and simplification, OMPL’s plug-ins",
     ),
-    ("motion", "motions · people", "proofs of motions, repair, time laws with stops; where people may soon be"),
+    ("motion", "motions", "proofs of motions, repair, time laws with stops"),
     ("queries, proofs", "collision · danger", "collision and distance on coal, certified motions, the danger field"),
     ("models", "robot · scene", "on Pinocchio; they never change"),
     ("base", "common · geometry", "checks, errors, compiled kernels; shapes and convex distances"),

@@ -37,11 +37,11 @@ from examples.mujoco.servo_robot import STEP, BodyPart, Servo, ServoRobot
 from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Robot, SafeSetup, Scene, Trajectory
 from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.common import FloatArray
+from safe_ompl.live import Surroundings, Tracker
+from safe_ompl.live.replanning import Doing, Replanner
+from safe_ompl.live.simulation import ALL_KEYPOINTS, Walker, World
+from safe_ompl.live.simulation.simulation import Touch
 from safe_ompl.motions import FACTOR, BodySpeeds, Motion, contact_speed, first_unproven
-from safe_ompl.people import Surroundings, Tracker
-from safe_ompl.people.replanning import Doing, Replanner
-from safe_ompl.people.simulation import ALL_KEYPOINTS, Walker, World
-from safe_ompl.people.simulation.simulation import Touch
 from safe_ompl.scene.constraints import CONTACT_TABLE
 
 CLAIM = "a robot with a servo's errors stays outside what is proven with a tube, and meets nobody while it moves"

@@ -37,9 +37,9 @@ from bench.live import HANDS, places, situations, to_and_fro
 from safe_ompl import CollisionChecker, MotionProver, People, RateLimits, Robot, Scenario, Shield, Tracker, Trajectory
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import placed
-from safe_ompl.people import Recording, Surroundings, TrackedBody
-from safe_ompl.people.replanning import PathLimits, ReplanningOptions
-from safe_ompl.people.simulation import ContactMonitor, Playback, Solid, Walker, World, limb_solids
+from safe_ompl.live import Recording, Surroundings, TrackedBody
+from safe_ompl.live.replanning import PathLimits, ReplanningOptions
+from safe_ompl.live.simulation import ContactMonitor, Playback, Solid, Walker, World, limb_solids
 
 CLAIM = "the shield lets no proposal touch people while the robot moves; what other filters do"
 OURS = ("shield", "jerk", "contact")

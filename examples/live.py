@@ -5,7 +5,7 @@ import logging
 import numpy as np
 
 from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Replanner, Robot, SafeSetup, Scene, Surroundings, Tracker
-from safe_ompl.people.skeletons import find_skeleton
+from safe_ompl.live.skeletons import find_skeleton
 
 logging.basicConfig(level=logging.INFO, format="%(message)s")
 robot = Robot.from_example("panda")

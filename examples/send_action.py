@@ -6,7 +6,7 @@ import numpy as np
 
 from safe_ompl import Box, Obstacle, People, Pose, Robot, Scene, Shield, Surroundings, Tracker
 from safe_ompl.geometry import STANDING
-from safe_ompl.people.simulation import ALL_KEYPOINTS
+from safe_ompl.live.simulation import ALL_KEYPOINTS
 
 
 class ShieldedRobot:

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 
 from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Robot, Scene, Shield, Surroundings, Tracker, time_path
-from safe_ompl.people.simulation import ALL_KEYPOINTS, Simulation, Walker
+from safe_ompl.live.simulation import ALL_KEYPOINTS, Simulation, Walker
 
 PICK, GIVE = [-1.2, 0, 0, -2.0, 0, 2.2, 0.785], [0.9, 0.3, 0, -1.8, 0, 2.1, 0.785]
 RATE = 20.0  # [Hz]
@@ -48,7 +48,7 @@ ways = [time_path(way, robot, slow, motion=shield.prover) for way in ([PICK, GIV
 anna = Walker(people, np.array([0.0, 0.0, -0.8]), np.array([1.2, 0.5]), seed=1)
 policy = Policy(shield)
 if sys.argv[1:2] == ["--mcap"]:  # and a file, for Foxglove and `safe-ompl view FILE`
-    from safe_ompl.apps.exchange import McapLog  # pip install 'safe-ompl[mcap]'
+    from safe_ompl.live.ros import McapLog  # pip install 'safe-ompl[mcap]'
 
     policy.log = McapLog(sys.argv[2], shield.log_header())
 simulation = Simulation(policy, ways, {"anna": anna})

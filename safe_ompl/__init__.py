@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         DangerLimit as DangerLimit,
         KinetostaticField as KinetostaticField,
     )
+    from safe_ompl.drawing import view as view
     from safe_ompl.geometry import (
         Box as Box,
         Capsule as Capsule,
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
         Sphere as Sphere,
     )
     from safe_ompl.io import JointPath as JointPath, load as load, read_motion as read_motion, save as save
+    from safe_ompl.live import Surroundings as Surroundings, Tracker as Tracker
+    from safe_ompl.live.replanning import Replanner as Replanner, Shield as Shield
     from safe_ompl.motions import (
         Constraints as Constraints,
         Motion as Motion,
@@ -57,8 +60,6 @@ if TYPE_CHECKING:
         time_path as time_path,
         widest_tube as widest_tube,
     )
-    from safe_ompl.people import Surroundings as Surroundings, Tracker as Tracker
-    from safe_ompl.people.replanning import Replanner as Replanner, Shield as Shield
     from safe_ompl.planning import (
         PlanResult as PlanResult,
         SafeSetup as SafeSetup,
@@ -95,6 +96,5 @@ if TYPE_CHECKING:
         plan_tool as plan_tool,
         tool_motion as tool_motion,
     )
-    from safe_ompl.view import view as view
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

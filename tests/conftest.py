@@ -26,8 +26,8 @@ DATA = Path(__file__).parent / "data"
 END_TO_END = (  # whole programs, and comparisons that take long: folders, files, and beginnings of tests
     "apps/benchmark/",
     "apps/cli/",
-    "apps/exchange/test_controller.py",
-    "apps/exchange/test_mcap_log.py",
+    "live/ros/test_controller.py",
+    "live/ros/test_mcap_log.py",
     "apps/exchange/test_pieces.py",
     "bench/",
     "certificates/test_certificate.py::test_a_danger_of_another_kind",
@@ -40,7 +40,7 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
     "common/test_compiled.py",
     "docs/",
     "motions/test_checks.py::test_no_proven_motion_touches",
-    "people/simulation/",
+    "live/simulation/",
     "planning/ompl/test_validity.py::test_quickly_and_in_words",
     "planning/ompl/test_goals.py::test_nothing_is_left_over_at_exit",
     "planning/ompl/test_goals.py::test_out_of_reach",
@@ -71,11 +71,11 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
     "test_physics.py",
     "test_scripts.py",
     "motions/test_beside_people.py",
-    "view/test_motions.py",
-    "view/test_page_in_browser.py",
-    "view/test_program_view.py",
-    "view/test_render.py",
-    "view/test_viewer.py",
+    "drawing/test_motions.py",
+    "drawing/test_page_in_browser.py",
+    "drawing/test_program_view.py",
+    "drawing/test_render.py",
+    "drawing/test_viewer.py",
 )
 
 

@@ -22,10 +22,10 @@ def test_unknown_names_are_no_attributes():
 def test_rooms_that_planning_does_without_come_later():
     code = (
         "import sys, safe_ompl\n"
-        "later = ('safe_ompl.apps.benchmark', 'safe_ompl.people.replanning', 'safe_ompl.io', 'safe_ompl.view')\n"
+        "later = ('safe_ompl.apps.benchmark', 'safe_ompl.live.replanning', 'safe_ompl.io', 'safe_ompl.drawing')\n"
         "assert not set(later) & set(sys.modules), set(later) & set(sys.modules)\n"
         "from safe_ompl import Benchmark, Replanner\n"
-        "assert 'safe_ompl.people.replanning' in sys.modules"
+        "assert 'safe_ompl.live.replanning' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 
@@ -42,9 +42,9 @@ class Missing:
             raise ModuleNotFoundError("No module named 'ompl'", name="ompl")
 
 sys.meta_path.insert(0, Missing())
-for room in "common geometry robot scene collision danger motions certificates people io".split():
+for room in "common geometry robot scene collision danger motions certificates live io".split():
     for module in walk_packages(import_module(f"safe_ompl.{room}").__path__, f"safe_ompl.{room}."):
-        if module.name != "safe_ompl.robot.states":  # the bridge to states of OMPL
+        if not module.name.startswith(("safe_ompl.robot.states", "safe_ompl.live.ros")):  # of OMPL, of extras
             import_module(module.name)
 
 import safe_ompl
@@ -76,7 +76,7 @@ def test_who_plans_imports_nothing_of_motions_in_time_or_of_people_or_of_compile
     done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
     loaded = set(done.stdout.split())
     assert "safe_ompl.planning.safe_setup" in loaded
-    rooms = ("motions", "people", "certificates", "view", "tasks")
+    rooms = ("motions", "live", "certificates", "drawing", "tasks")
     others = {name for name in loaded if name.startswith(tuple(f"safe_ompl.{room}." for room in rooms))}
     assert others == {"safe_ompl.motions.constraints"}
     assert not loaded & {"numba.np.arrayobj", "multiprocessing", "concurrent.futures", "difflib", "statistics"}

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import Box, Obstacle, Pose, Robot, Scene, Sphere, plan_program
-from safe_ompl.people.simulation import ContactMonitor, Solid
+from safe_ompl.live.simulation import ContactMonitor, Solid
 
 mujoco = pytest.importorskip("mujoco", reason="needs mujoco")
 from bench.programs import Replay  # noqa: E402

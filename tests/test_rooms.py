@@ -15,7 +15,7 @@ import safe_ompl
 
 PACKAGE = Path(safe_ompl.__file__).parent
 NEEDS = {  # rooms that are nothing without an extra
-    "safe_ompl.apps.exchange": ("mcap", "rosbags")
+    "safe_ompl.live.ros": ("mcap", "rosbags")
 }
 FLOORS = (  # rooms; each imports from those before it only
     "common",
@@ -25,7 +25,6 @@ FLOORS = (  # rooms; each imports from those before it only
     "collision",
     "danger",
     "motions",
-    "people",
     "planning.ompl",
     "planning.simplification",
     "planning.planners",
@@ -33,10 +32,12 @@ FLOORS = (  # rooms; each imports from those before it only
     "tasks",
     "io",
     "certificates",
-    "people.replanning",
-    "people.simulation",
+    "live",
+    "live.replanning",
+    "live.simulation",
+    "live.ros",
     "apps.benchmark",
-    "view",
+    "drawing",
     "apps.exchange",
     "apps",
 )

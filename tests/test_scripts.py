@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from safe_ompl import People, Shield, Surroundings, Tracker
-from safe_ompl.people import TrackedBody
-from safe_ompl.people.simulation import ALL_KEYPOINTS, ContactMonitor, limb_solids
+from safe_ompl.live import TrackedBody
+from safe_ompl.live.simulation import ALL_KEYPOINTS, ContactMonitor, limb_solids
 
 FOLDER = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
@@ -51,7 +51,7 @@ def test_it_says_what_to_install(script, package, monkeypatch):
 
 def test_the_list_of_examples_is_complete():
     listed = re.findall(r"\]\(([\w/]+\.py)\)", (FOLDER / "README.md").read_text(encoding="utf-8"))
-    with_ros = [FOLDER / "ros" / "world.py"]  # see tests/apps/exchange/test_ros_node.py
+    with_ros = [FOLDER / "ros" / "world.py"]  # see tests/live/ros/test_ros_node.py
     found = [script.relative_to(FOLDER).as_posix() for script in (*SCRIPTS, *ADAPTERS, *PHYSICS, *with_ros)]
     assert sorted(listed) == sorted(found)
 

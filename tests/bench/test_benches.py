@@ -10,7 +10,7 @@ import pytest
 from bench import _harness, worth
 from bench._harness import Report, bench, in_turn, markdown_table, names, run
 from safe_ompl import plan_program
-from safe_ompl.people import find_skeleton
+from safe_ompl.live import find_skeleton
 from safe_ompl.scene.constraints import CONTACT_TABLE
 
 POLE = {"name": "pole", "radius": 0.05, "length": 1.0, "position": [0.5, 0.0, 0.5]}

@@ -27,8 +27,8 @@ from safe_ompl.certificates.verifier.polynomials import RecordedMotion, check_po
 from safe_ompl.certificates.verifier.verify import Terms
 from safe_ompl.collision import Separation, ToolOrientation
 from safe_ompl.danger import CertifiedDanger
+from safe_ompl.drawing import ViewerContent
 from safe_ompl.motions import Motion, check, check_with
-from safe_ompl.view import ViewerContent
 
 TIMES = np.array([0.0, 0.8, 1.5, 2.4])
 POINTS = np.array([[0, -1.5, 0.5, 0, 0, 0], [0.25, -1.4, 0.6, 0.1, 0, 0], [0.4, -1.6, 0.4, 0.1, 0.2, 0]])

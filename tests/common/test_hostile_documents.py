@@ -9,7 +9,7 @@ import pytest
 
 from safe_ompl import InputError, Scenario, Scene, load, read_motion
 from safe_ompl.io import read_ticks
-from safe_ompl.people import Recording
+from safe_ompl.live import Recording
 from safe_ompl.scene import MbmFile
 
 DEEP = 30_000

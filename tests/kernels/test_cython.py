@@ -12,12 +12,12 @@ import safe_ompl
 from safe_ompl import Scenario
 from safe_ompl.collision import ALLOWANCE, Required
 from safe_ompl.danger.kernels import danger as numba_danger, kinetostatic as numba_moving, kinetostatic_peak
+from safe_ompl.drawing import rasteriser
 from safe_ompl.geometry import surfaces as numba_surfaces
 from safe_ompl.geometry.kernels import extreme_vertices
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.simplification import cost as numba_cost, descent, edges, measures
 from safe_ompl.robot import kernels as numba_robot, motion_limits
-from safe_ompl.view import rasteriser
 
 ROOT = Path(safe_ompl.__file__).parents[1]
 PACKAGES = ("common", "robot", "geometry", "collision", "danger", "planning.simplification", "view")

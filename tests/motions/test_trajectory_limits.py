@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from safe_ompl import InputError, Motion, RateLimits, Robot, UnknownNameError, time_path
-from safe_ompl.people.replanning import PathLimits
+from safe_ompl.live.replanning import PathLimits
 from safe_ompl.robot import RobotSpec, robot_hash
 from safe_ompl.scene import MotionLimits
 

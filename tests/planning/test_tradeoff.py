@@ -7,8 +7,8 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 
 from safe_ompl import CollisionError, InputError, Obstacle, Person, Pose, Robot, SafeSetup, Scene, Sphere, tradeoff
+from safe_ompl.drawing import plots
 from safe_ompl.scene import Scenario
-from safe_ompl.view import plots
 
 
 def assert_front(setup, front):

@@ -18,6 +18,7 @@ from safe_ompl.apps.cli.plan import add_timed_options, rate_limits, show_timed, 
 from safe_ompl.apps.cli.verify import certificate_of, source_of
 from safe_ompl.certificates import motion_certificate
 from safe_ompl.common import FloatArray, InputError, documents as document, files
+from safe_ompl.drawing import ViewerContent, plots, save_page
 from safe_ompl.io import WRITABLE, TimedMotion, motion_content, read_log, read_motion
 from safe_ompl.motions import (
     FACTOR,
@@ -36,7 +37,6 @@ from safe_ompl.motions import (
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario
-from safe_ompl.view import ViewerContent, plots, save_page
 
 _UP = Context(prec=3, rounding=ROUND_CEILING)  # of widths: digits that are kept
 
@@ -355,7 +355,7 @@ def _log(log: str, options: argparse.Namespace) -> tuple[Motion, Motion]:
     topics = options.commanded_topic, options.measured_topic
     if Path(log).suffix.lower() in (".mcap", ".db3") or Path(log).is_dir():  # recordings of ROS 2
         output.need_extra("mcap", log)
-        from safe_ompl.apps.exchange import read_joint_log  # needs the extra
+        from safe_ompl.live.ros import read_joint_log  # needs the extra
 
         return read_joint_log(log, *topics)
     if topics != (None, None):

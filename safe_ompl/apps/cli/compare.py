@@ -18,12 +18,12 @@ from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import record
 from safe_ompl.common import InputError, in_order
+from safe_ompl.drawing import plots, render_comparison
 from safe_ompl.io import strict_json as json_line
 from safe_ompl.planning import PlanResult, SafeSetup, setup_problem, setup_scenario
 from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import EXAMPLES, Robot, RobotSpec
 from safe_ompl.scene import WHERE_FROM, MbmFile, Scene
-from safe_ompl.view import plots, render_comparison
 
 _RUNS = 10
 

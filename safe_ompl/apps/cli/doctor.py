@@ -25,16 +25,16 @@ from safe_ompl.apps.cli import arguments, output
 from safe_ompl.common import PlanningError, compile_together, origin
 from safe_ompl.danger import CertifiedDanger, DangerField, KinetostaticField
 from safe_ompl.danger.kernels import dangers
+from safe_ompl.drawing import render_path
 from safe_ompl.geometry import Obstacle, Person, Pose
+from safe_ompl.live import Surroundings, Tracker, find_skeleton
+from safe_ompl.live.kernels import gaps
+from safe_ompl.live.replanning import Replanner
 from safe_ompl.motions import Motion, RateLimits, check, time_path
-from safe_ompl.people import Surroundings, Tracker, find_skeleton
-from safe_ompl.people.kernels import gaps
-from safe_ompl.people.replanning import Replanner
 from safe_ompl.planning import PLAN_JOBS, SafeSetup, setup_scenario, small_robot
 from safe_ompl.planning.simplification import ask_for_retreats
 from safe_ompl.scene import People, Scene
 from safe_ompl.version import __version__
-from safe_ompl.view import render_path
 
 _SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 600.0  # [s]: a slow machine calls all, too
 _MANY = 1000  # points, which are put into balls

@@ -18,12 +18,12 @@ from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError
+from safe_ompl.drawing import read_recording, save_page
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
 from safe_ompl.io import TickLog, TicksFile
-from safe_ompl.motions import PathTimer, RateLimits, Trajectory, time_path
-from safe_ompl.people import HEIGHT, PELVIS, Recording, Surroundings, TrackedBody, Tracker, facing
-from safe_ompl.people.replanning import Leg, Replanner, ReplanningOptions, Tour
-from safe_ompl.people.simulation import (
+from safe_ompl.live import HEIGHT, PELVIS, Recording, Surroundings, TrackedBody, Tracker, facing
+from safe_ompl.live.replanning import Leg, Replanner, ReplanningOptions, Tour
+from safe_ompl.live.simulation import (
     ALL_KEYPOINTS,
     ContactMonitor,
     Drifting,
@@ -35,11 +35,11 @@ from safe_ompl.people.simulation import (
     Walker,
     part_solids,
 )
+from safe_ompl.motions import PathTimer, RateLimits, Trajectory, time_path
 from safe_ompl.planning import SafeSetup, setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Move, People, Scenario, Scene
 from safe_ompl.tasks import PROGRAM_TIME, ProgramResult, plan_program, program_robot
-from safe_ompl.view import read_recording, save_page
 
 _log = logging.getLogger(__name__)
 RANDOM = "random"
@@ -200,7 +200,7 @@ def _simulate(simulation: Simulation, options: argparse.Namespace) -> int:
     with ExitStack() as stack:
         logs: list[TickLog] = [stack.enter_context(closing(TicksFile(folder / "ticks.jsonl", header)))]
         if options.mcap is not None:
-            from safe_ompl.apps.exchange import McapLog  # needs the extra
+            from safe_ompl.live.ros import McapLog  # needs the extra
 
             logs.append(stack.enter_context(closing(McapLog(options.mcap, header))))
         bar = stack.enter_context(output.progress_bar(output.error_console()))

@@ -23,8 +23,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from safe_ompl.common import InputError, files, until_ctrl_c
+from safe_ompl.drawing import PLOT_ENDINGS
 from safe_ompl.io import strict_json
-from safe_ompl.view import PLOT_ENDINGS
 
 Item = TypeVar("Item")
 

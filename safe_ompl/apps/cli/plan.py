@@ -19,6 +19,7 @@ from safe_ompl.apps.cli.verify import certificate_of, source_of
 from safe_ompl.certificates import program_certificate
 from safe_ompl.common import InputError, files
 from safe_ompl.danger import KinetostaticField
+from safe_ompl.drawing import draw_plan, draw_program, plots
 from safe_ompl.io import WRITABLE, TimedMotion, marked, motion_content, motion_of_document, result_to_mapping
 from safe_ompl.motions import RATE, Motion, RateLimits, Trajectory
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
@@ -26,7 +27,6 @@ from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
 from safe_ompl.tasks import PROGRAM_TIME, plan_program, program_robot
-from safe_ompl.view import draw_plan, draw_program, plots
 
 _SLOWER = (1.0, 1.005, 1.02, 1.05, 1.15)  # times as long: tried where stops between exported points are too late
 

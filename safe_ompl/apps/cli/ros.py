@@ -15,7 +15,12 @@ import numpy as np
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.live import limits_of_still, people_who_move, program_legs, timed_way
-from safe_ompl.apps.exchange import (
+from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
+from safe_ompl.geometry import STANDING, Obstacle, Person, PointCloud
+from safe_ompl.io import ticks_header
+from safe_ompl.live import Surroundings, TrackedBody, Tracker, find_skeleton
+from safe_ompl.live.replanning import Legs, PathLimits, Replanner, ReplanningOptions, Shield
+from safe_ompl.live.ros import (
     ACTION,
     Cell,
     ControlOptions,
@@ -25,13 +30,8 @@ from safe_ompl.apps.exchange import (
     in_metres,
     trajectory_action,
 )
-from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
-from safe_ompl.geometry import STANDING, Obstacle, Person, PointCloud
-from safe_ompl.io import ticks_header
+from safe_ompl.live.simulation import ALL_KEYPOINTS
 from safe_ompl.motions import RateLimits
-from safe_ompl.people import Surroundings, TrackedBody, Tracker, find_skeleton
-from safe_ompl.people.replanning import Legs, PathLimits, Replanner, ReplanningOptions, Shield
-from safe_ompl.people.simulation import ALL_KEYPOINTS
 from safe_ompl.planning import setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Goal, MotionLimits, People, Scenario, Scene
@@ -134,7 +134,7 @@ def trackers_of(scenario: Scenario, options: argparse.Namespace) -> dict[str, Tr
 
 def _run(scenario: Scenario, trackers: dict[str, Tracker], control: ControlOptions, options: argparse.Namespace) -> int:
     """Start the node, and drive the robot until Ctrl-C."""
-    from safe_ompl.apps.exchange import McapLog, RosNode, lookup_of, ros_context  # needs the extras
+    from safe_ompl.live.ros import McapLog, RosNode, lookup_of, ros_context  # needs the extras
 
     around = scenario.scene.without(*(name for name in scenario.scene.names if name in trackers))
     with ExitStack() as stack:

@@ -12,11 +12,7 @@ from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.certificates import PROGRAM_FORMAT
 from safe_ompl.common import InputError, files
-from safe_ompl.io import TimedMotion, built_robot, load, read_ticks, schema
-from safe_ompl.planning import PlanResult, setup_scenario
-from safe_ompl.scene import Scenario
-from safe_ompl.tasks import PROGRAM_TIME, plan_program
-from safe_ompl.view import (
+from safe_ompl.drawing import (
     ANIMATION_ENDINGS,
     RECORDING_ENDING,
     BrowserView,
@@ -25,6 +21,10 @@ from safe_ompl.view import (
     save_animation,
     save_page,
 )
+from safe_ompl.io import TimedMotion, built_robot, load, read_ticks, schema
+from safe_ompl.planning import PlanResult, setup_scenario
+from safe_ompl.scene import Scenario
+from safe_ompl.tasks import PROGRAM_TIME, plan_program
 
 _PLANNERS = ("SafeRRTConnect", "ClassicRRTConnect")
 _NONE = ("none",)
@@ -88,7 +88,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 def _read_log(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Return header and ticks of an MCAP log."""
     output.need_extra("mcap", str(file))
-    from safe_ompl.apps.exchange import read_log  # needs the extra
+    from safe_ompl.live.ros import read_log  # needs the extra
 
     return read_log(file)
 

@@ -56,7 +56,7 @@ def _planning_scene(file: str | Path, topic: str | None) -> Iterator[dict[str, A
         with document_of(file) as data:
             yield data
         return
-    from safe_ompl.apps.exchange.logs import Bag
+    from safe_ompl.live.ros import Bag
 
     bag = Bag(file)
     messages = bag.read(bag.topic(topic, (_PLANNING_SCENE,), "topic"))

@@ -18,7 +18,7 @@ from safe_ompl import SafeSetup, planner_names
 from safe_ompl.apps import main
 from safe_ompl.apps.benchmark import failure
 from safe_ompl.apps.cli import compare, output
-from safe_ompl.view import pictures, render_comparison, render_path
+from safe_ompl.drawing import pictures, render_comparison, render_path
 
 RECORD = (
     "scenario robot planner seed status solved setup_time planning_time simplification_time report_time joint_names "

@@ -1,0 +1,399 @@
+"""Pictures of a robot along a path, and of planners side by side, still or animated (WebP, GIF)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from importlib.util import find_spec
+from io import BytesIO
+from os import cpu_count
+from pathlib import Path
+from textwrap import shorten
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from safe_ompl.collision import CollisionChecker
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, files
+from safe_ompl.drawing.content import ViewerContent
+from safe_ompl.drawing.drawn_scene import Camera, DrawnScene, best_view, resampled
+from safe_ompl.drawing.page import plot_kind
+from safe_ompl.drawing.plots import plot_check, plot_motion, plot_plan, plot_program
+from safe_ompl.drawing.renderer import Renderer, tone_mapped
+from safe_ompl.drawing.style import NEUTRAL, Colour, as_bytes, mixed, planner_styles
+from safe_ompl.drawing.surfaces import ColouredSurface, Surface, obstacle_surfaces, tube
+from safe_ompl.geometry import Person
+from safe_ompl.motions import MotionCheck, Repair, Trajectory
+from safe_ompl.planning import PlanResult
+from safe_ompl.planning.simplification import PROFILE_POINTS, Curve, PathReport
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+from safe_ompl.tasks import ProgramResult
+
+if TYPE_CHECKING:
+    from safe_ompl.planning import SafeSetup  # who has no OMPL draws all the same
+
+Image = NDArray[np.uint8]
+"""Rows of pixels in sRGB: (height, width, 3)."""
+
+ACCENT: Colour = (0.09, 0.42, 0.78)
+START: Colour = (0.66, 0.67, 0.69)
+_COINCIDENCE = 1e-3  # sizes of the robot's motion by which bodies that share a place are told apart
+# Sizes of the robot's motion; radius of the trace of the tip, and of the planned one.
+TRACE, _THIN = 0.006, 0.0022
+GHOSTS = 4
+PALE: Colour = (1.0, 1.0, 1.0)
+_FIRST_TINT = 0.35  # share of the accent colour in the first posture after the start
+
+
+def render_path(
+    robot: Robot,
+    scene: Scene,
+    path: FloatArray | PlanResult,
+    *,
+    size: tuple[int, int] = (900, 700),
+    camera: Camera | None = None,
+    ghosts: int = GHOSTS,
+) -> Image:
+    """Draw a robot along a path: start in grey, goal in colour, translucent postures between.
+
+    The path is way points (N, n) [rad or m], between which the joints move on straight lines, or a solved result: then
+    in the planner's colour, one posture is where the robot is closest to an obstacle, and the way of the tip before the
+    path was simplified is a thin line. So many `ghosts` are shown between start and goal. The picture of a width and
+    height `size` [px] is (height, width, 3) of uint8, sRGB, by default from where most of robot and people is seen.
+    Raises InputError if a path is empty, has the wrong number of joints or is not finite.
+    """
+    drawn = DrawnScene(robot, scene, [_way_points(path)])
+    renderer = Renderer(drawn.floor, camera or best_view(drawn, size), size)
+    accent = ACCENT
+    if isinstance(path, PlanResult):
+        accent = planner_styles([path.planner])[path.planner].colour
+    return _draw(drawn, renderer, path, accent, ghosts)
+
+
+def _way_points(path: FloatArray | PlanResult) -> FloatArray:
+    if not isinstance(path, PlanResult):
+        return path
+    if path.path is None:
+        raise InputError(f"{path.planner} found no path to draw: {path.status}")
+    return path.path
+
+
+def _draw(
+    drawn: DrawnScene, renderer: Renderer, path: FloatArray | PlanResult, accent: Colour, ghosts: int = GHOSTS
+) -> Image:
+    """Return the picture of one path of a scene, see `render_path`."""
+    samples, closest, before = resampled(drawn.robot, _way_points(path)), None, None
+    if isinstance(path, PlanResult):
+        before = path.planned_path
+        if path.report is not None and path.report.clearance.obstacle is not None:
+            closest = path.report.clearance.at
+    more = []
+    if before is not None:
+        planned = resampled(drawn.robot, before)
+        more.append(ColouredSurface(trace(drawn, planned, _THIN), mixed(accent, PALE, 0.35)))
+    shares = np.linspace(0.0, 1.0, ghosts + 2)[1:-1]
+    if closest is not None and ghosts:
+        shares[np.argmin(np.abs(shares - closest))] = closest
+    return _postures(drawn, renderer, samples, shares, accent, more)
+
+
+def _postures(
+    drawn: DrawnScene,
+    renderer: Renderer,
+    samples: FloatArray,
+    shares: FloatArray,
+    accent: Colour,
+    more: Sequence[ColouredSurface],
+) -> Image:
+    """Return the picture of a robot along samples (S, n), translucent at some shares of them, and of more things."""
+    start, goal = samples[0], samples[-1]
+    gap = _COINCIDENCE * drawn.size
+    things = [
+        ColouredSurface(drawn.body.posed(start), START, glossy=True),
+        ColouredSurface(drawn.body.posed(goal, moved_from=start).inflated(gap), accent, glossy=True),
+        ColouredSurface(trace(drawn, samples, TRACE), accent),
+        *drawn.surroundings(),
+        *more,
+    ]
+    postures = [samples[round(share * (len(samples) - 1))] for share in shares]
+    bodies = [drawn.body.posed(q, moved_from=start).inflated(-2.0 * gap) for q in postures]
+    linear, layers = renderer.render_layers(things, [(body, _glass(body, renderer)) for body in bodies])
+    picture = tone_mapped(linear)
+    for share, layer in zip(shares, layers, strict=True):
+        weight = _FIRST_TINT + (1.0 - _FIRST_TINT) * share
+        tint = (1.0 - weight) * np.array(START) + weight * np.array(accent)
+        picture = picture * (1.0 - layer[..., :1]) + tint * layer[..., 1:]
+    return as_bytes(picture)
+
+
+def trace(drawn: DrawnScene, samples: FloatArray, width: float) -> Surface:
+    """Return the way of the tip as a tube; its radius is a share of the size of the robot's motion."""
+    return Surface.from_triangles(*tube(drawn.trace(samples), width * drawn.size))
+
+
+def _glass(body: Surface, renderer: Renderer) -> FloatArray:
+    """Return the opacity of a glass body at its vertices, and its brightness times opacity: (V, 2)."""
+    to_eye = renderer.camera.eye - body.vertices
+    to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
+    facing = np.einsum("ij,ij->i", to_eye, body.normals)
+    lit = np.clip((body.normals * np.sign(facing)[:, None]) @ renderer.camera.key_light(), 0.0, 1.0)
+    opacity = 0.34 + 0.45 * (1.0 - np.abs(facing)) ** 3
+    return np.column_stack([opacity, opacity * (0.72 + 0.44 * lit)])
+
+
+_COMPRESSION = 3  # of PNG files, from 0 to 9: twice as fast as 6, and hardly larger
+_PROGRAM_SAMPLES = 600
+_NEAR = 0.1  # [m] between tips: of postures that are nearer one is shown
+_QUICK_DPI = 100  # of the picture of one plan, which is wanted at once
+
+
+def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
+    """Draw the robot along a solved plan, and beside it the path's danger and clearance."""
+    assert result.path is not None
+    assert result.report is not None
+    assert result.report.danger is not None
+    curves = plot_plan(
+        result.report.danger.profile,
+        None,
+        clearance=_clearances(setup, result.path),
+        planner=result.planner,
+        title=f"{result.planner}, seed {result.seed}",
+        dpi=_QUICK_DPI,
+    )
+    right = np.asarray(curves.canvas.buffer_rgba())[..., :3]
+    size = len(right) * 5 // 4, len(right)
+    left = render_path(setup.robot, setup.scene, result, size=size)
+    save_picture(np.hstack([left, right]), file)
+
+
+def draw_program(result: ProgramResult, file: str | Path) -> None:
+    """Draw the robot at the ends of the steps of a program, the way of its tip, and its steps in time beside it.
+
+    What changes hands is where it is at first, and where it is in the end. Raises InputError if nothing was planned.
+    """
+    content = ViewerContent.of_program(result)
+    (shown,) = content.motions.values()
+    right = np.asarray(plot_program(result, None, dpi=_QUICK_DPI).canvas.buffer_rgba())[..., :3]
+    size = len(right) * 5 // 4, len(right)
+    drawn = DrawnScene(content.robot, content.scene, [shown.configurations])
+    samples = shown.at(np.linspace(0.0, shown.duration, _PROGRAM_SAMPLES))
+    ends = np.array([stretch.begin + stretch.motion.duration for stretch in result.stretches[:-1]])
+    tips = drawn.trace(shown.at(ends))
+    apart = [k for k in range(len(ends)) if (np.linalg.norm(tips[:k] - tips[k], axis=1) > _NEAR).all()]
+    moved = [] if content.movers is None else content.movers.obstacles_at(shown.duration, content.scene)
+    things = [surface for obstacle in moved for surface in obstacle_surfaces(obstacle)]
+    renderer = Renderer(drawn.floor, best_view(drawn, size), size)
+    left = _postures(drawn, renderer, samples, ends[apart] / shown.duration, ACCENT, things)
+    save_picture(np.hstack([left, right]), file)
+
+
+def _clearances(setup: SafeSetup, path: FloatArray) -> dict[str, FloatArray]:
+    """Return the clearance [m] at equal steps of a path, from what is dangerous and from things, if there are any."""
+    curve = Curve(setup.robot, path)
+    samples = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS))
+    distances = np.array([setup.checker.distances(q) for q in samples])
+    owners = [setup.scene[obstacle] for _, obstacle in setup.checker.distance_names]
+    people = all(isinstance(obstacle.shape, Person) for obstacle in owners if obstacle.weight > 0)
+    kinds = {
+        "people" if people else "what is dangerous": [obstacle.weight > 0 for obstacle in owners],
+        "things": [obstacle.weight == 0 for obstacle in owners],
+    }
+    return {kind: distances[:, chosen].min(axis=1) for kind, chosen in kinds.items() if any(chosen)}
+
+
+_CAPTION = "grey: start    colour: goal    translucent: on the way    line: path of the tip"
+_PLANNED = ", thin: before it was simplified"
+_GUTTER, _HEADING, _FOOT = 14, 52, 30  # [px] between panels, above each row, and below all
+_LETTER = 7  # [px], how wide one of a subtitle is
+_DARK, _GREY = (77, 77, 77), (102, 102, 102)  # of subtitles, and of the line below all
+
+
+def render_comparison(
+    robot: Robot,
+    scene: Scene,
+    paths: Mapping[str, FloatArray | PlanResult],
+    file: str | Path,
+    *,
+    panel: tuple[int, int] | None = None,
+) -> None:
+    """Draw the paths of several planners, one panel each, and save the picture as a PNG file; see `render_path`.
+
+    The paths are by planner, in its colour; results say their danger and clearance, too. Panels have a width and height
+    [px], by default they are smaller the more there are. Raises InputError if there is no path or one cannot be used,
+    and SafeOmplError if Matplotlib and Pillow are not installed.
+    """
+    styles = planner_styles(paths)
+    size = panel or {1: (900, 700), 2: (760, 640), 4: (760, 640)}.get(len(paths), (620, 520))
+    drawn = DrawnScene(robot, scene, [_way_points(path) for path in paths.values()])
+    renderer = Renderer(drawn.floor, best_view(drawn, size), size)
+    images = [_draw(drawn, renderer, path, styles[name].colour) for name, path in paths.items()]
+    results = [path if isinstance(path, PlanResult) else None for path in paths.values()]
+    simplified = any(result is not None and result.planned_path is not None for result in results)
+    page = _panels(images, list(paths), [_facts(result) for result in results], _CAPTION + _PLANNED * simplified)
+    save_picture(np.asarray(page), file)
+
+
+def _facts(result: PlanResult | None) -> str:
+    """Return danger and clearance of a result in words."""
+    if result is None or result.report is None:
+        return ""
+    danger, clearance = result.report.danger, result.report.clearance
+    facts = [] if danger is None else [f"danger: mean {danger.mean:.1f}, max {danger.max:.1f}"]
+    if clearance.obstacle is not None:
+        facts.append(f"clearance: min {1e3 * clearance.min:.0f} mm")
+    return "; ".join(facts)
+
+
+def save_picture(image: Image, file: str | Path) -> None:
+    """Save a picture, (height, width, 3) of uint8, as PNG, SVG, PDF or WebP by its ending; missing folders are made."""
+    kind = plot_kind(file)
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    try:
+        from matplotlib.image import imsave
+    except ImportError as missing:
+        raise SafeOmplError("pictures need Matplotlib: pip install 'safe-ompl[plots]'") from missing
+    with files.replacing(file, binary=True) as stream:
+        imsave(stream, image, format=kind, pil_kwargs={"compress_level": _COMPRESSION} if kind == "png" else None)
+
+
+def _panels(images: Sequence[Image], titles: Sequence[str], subtitles: Sequence[str], caption: str = "") -> Any:
+    """Return one picture of Pillow: equal panels with a title and a subtitle above each, and a line below all."""
+    count, (height, width) = len(images), images[0].shape[:2]
+    # From five on three or four, whichever fills the lines
+    columns = count if count <= 3 else 2 if count == 4 else min((4, 3), key=lambda columns: -count % columns)
+    rows = -(-count // columns)
+    foot = _FOOT if caption else 0
+    size = columns * (width + _GUTTER) + _GUTTER, rows * (height + _HEADING) + foot
+    try:
+        from PIL import Image as Picture, ImageDraw
+    except ImportError as missing:
+        raise SafeOmplError("pictures need Pillow: pip install 'safe-ompl[plots]'") from missing
+    page = Picture.new("RGB", size, "white")
+    pen = ImageDraw.Draw(page)
+    for k, (image, title, subtitle) in enumerate(zip(images, titles, subtitles, strict=True)):
+        left = _GUTTER + (k % columns) * (width + _GUTTER)
+        top = (k // columns) * (height + _HEADING) + _HEADING
+        page.paste(Picture.fromarray(image), (left, top))
+        pen.text((left + 2, top - 28), title, "black", _font(18, "-Bold"), "ls")
+        fitting = shorten(subtitle, width // _LETTER, placeholder=" …")
+        pen.text((left + 2, top - 9), fitting, _DARK, _font(14), "ls")
+    pen.text((_GUTTER + 2, size[1] - 10), caption, _GREY, _font(13), "ls")
+    return page
+
+
+def _font(pixels: int, style: str = "") -> Any:
+    """Return the font of Matplotlib's plots."""
+    from matplotlib import get_data_path
+    from PIL import ImageFont
+
+    return ImageFont.truetype(str(Path(get_data_path(), "fonts", "ttf", f"DejaVuSans{style}.ttf")), pixels)
+
+
+ANIMATION_ENDINGS = (".webp", ".gif")
+PANEL = (420, 380)
+RATE = 12.5  # [Hz]
+FEWEST_FRAMES = 40
+_REST = 1.2  # [s] that the last frame stays
+_QUALITY = 80  # of WebP, from 0 to 100
+_TINT = 0.45  # share of the planner's colour in its robot
+
+
+def save_animation(content: ViewerContent, file: str | Path) -> None:
+    """Write the motions of what a view shows, side by side, as one animated picture (.webp or .gif).
+
+    A motion in time is shown in real time, with the people and things that move meanwhile. Captions say the danger and
+    how far people are; of a motion in time its speed and what bounds it. Raises InputError if there is no path, or the
+    file has another ending, and SafeOmplError if Pillow is not installed.
+    """
+    if not content.paths:
+        raise InputError("there is no path to show in motion")
+    ending = Path(file).suffix.lower()
+    if ending not in ANIMATION_ENDINGS:
+        raise InputError(f"must end in {' or '.join(ANIMATION_ENDINGS)}, got {str(file)!r}", "animation")
+    shares = np.linspace(0.0, 1.0, max(FEWEST_FRAMES, round(RATE * content.playing_time) + 1))
+    paths = {name: content.along(name, shares) for name in content.paths}
+    captions = [_captions(content, name, way, shares) for name, way in paths.items()]
+    pages = [
+        _panels(images, list(paths), [words[k] for words in captions])
+        for k, images in enumerate(_frames(content, paths, shares * content.playing_time))
+    ]
+    duration = round(1e3 * content.playing_time / (len(shares) - 1))  # [ms] of a frame
+    stays = [duration] * (len(shares) - 1) + [round(1e3 * _REST)]
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    options: dict[str, Any] = {"quality": _QUALITY, "method": 5} if ending == ".webp" else {"optimize": True}
+    options |= {"save_all": True, "append_images": pages[1:], "duration": stays, "loop": 0}
+    with files.replacing(file, binary=True) as stream:
+        pages[0].save(stream, ending[1:], **options)
+
+
+def _frames(content: ViewerContent, paths: Mapping[str, FloatArray], times: FloatArray) -> Iterator[list[Image]]:
+    """Yield the pictures of all paths (F, n) at each of the times (F,) [s], with the same camera and light."""
+    movers, styles = content.movers, planner_styles(paths)
+    drawn = DrawnScene(content.robot, content.scene_at_start, list(paths.values()))
+    obstacles = [[] if movers is None else movers.obstacles_at(t, content.scene) for t in times]
+    moving = [[surface for one in there for surface in obstacle_surfaces(one)] for there in obstacles]
+    still = drawn.surroundings({one.name for there in obstacles for one in there})
+    reached = [drawn.landmarks(), *(thing.surface.vertices for things in (*moving, still) for thing in things)]
+    renderer = Renderer(drawn.floor, best_view(drawn, PANEL), PANEL, still, np.vstack(reached))
+
+    def pictures(k: int) -> list[Image]:
+        images = []
+        for name, path in paths.items():
+            colour = styles[name].colour
+            robot = ColouredSurface(drawn.body.posed(path[k]), mixed(NEUTRAL, colour, _TINT), glossy=True)
+            way = ColouredSurface(trace(drawn, path[: k + 1], TRACE), colour)
+            images.append(as_bytes(tone_mapped(renderer.render([robot, way, *moving[k]]))))
+        return images
+
+    with ThreadPoolExecutor(cpu_count()) as threads:
+        yield from threads.map(pictures, range(len(times)))
+
+
+def _captions(content: ViewerContent, name: str, way: FloatArray, shares: FloatArray) -> Sequence[str]:
+    """Return what is written above each frame of one path."""
+    if name in content.motions:
+        return [content.motions[name].remark(float(share) * content.playing_time) for share in shares]
+    field = content.danger_field
+    dangers = None if field is None else field.values(way)
+    checker = CollisionChecker(content.robot, Scene([o for o in content.scene if o.weight > 0]))
+    captions = []
+    for k, q in enumerate(way):
+        found = checker.clearance(q)
+        facts = [] if dangers is None else [f"danger {dangers[k]:.1f}"]
+        facts += [] if found.obstacle is None else [f"{1e3 * found.distance:.0f} mm to {found.obstacle}"]
+        captions.append(", ".join(facts))
+    return captions
+
+
+_SMALL, _SMALL_DPI = (360, 280), 60  # [px] of robots, and of plots
+
+
+def small_picture(shown: Any) -> bytes:
+    """Return a small picture as a PNG file: a robot along its path, or the plot of a report, a trajectory or a check.
+
+    It is empty where there is nothing to draw, or Matplotlib is not installed.
+    """
+    if find_spec("matplotlib") is None:
+        return b""
+    stream = BytesIO()
+    shown = shown.check if isinstance(shown, Repair) else shown
+    if isinstance(shown, PlanResult) and shown.robot is not None and shown.scene is not None:
+        from matplotlib.image import imsave
+
+        if shown.path is None:
+            return b""
+        imsave(stream, render_path(shown.robot, shown.scene, shown, size=_SMALL), format="png")
+    elif (figure := _plot(shown)) is not None:
+        figure.savefig(stream, format="png", dpi=_SMALL_DPI)
+    return stream.getvalue()
+
+
+def _plot(shown: Any) -> Any:
+    report = shown.report if isinstance(shown, PlanResult) else shown
+    if isinstance(report, PathReport) and report.danger is not None:
+        return plot_plan(np.asarray(report.danger.profile), None, title="danger")
+    if isinstance(shown, Trajectory):
+        return plot_motion(shown, None)
+    return plot_check(shown, None) if isinstance(shown, MotionCheck) else None

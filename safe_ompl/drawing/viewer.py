@@ -1,0 +1,278 @@
+"""The browser view: robots and paths in a page, live with a panel or as one HTML file that opens offline."""
+
+from __future__ import annotations
+
+import webbrowser
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
+from importlib import import_module
+from io import StringIO
+from pathlib import Path
+from time import perf_counter, sleep
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, files
+from safe_ompl.drawing.content import ViewerContent
+from safe_ompl.drawing.drawn_scene import DrawnScene, best_view
+from safe_ompl.drawing.path_view import BOARD_SHAPE, PathView
+from safe_ompl.drawing.style import planner_styles
+from safe_ompl.drawing.surfaces import RobotBody
+from safe_ompl.io import TimedMotion
+from safe_ompl.motions import Trajectory
+from safe_ompl.planning import PlanResult
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+from safe_ompl.tasks import ProgramResult
+
+PORT = 8080
+_SIZE = (1200, 800)  # [px] of the window that cameras are chosen for
+_APART = 1.15  # widths of a path_view from one to the next
+_BOARD = 1.25  # sizes of the robot's motion; width of a board
+_WORDS = 1.7  # half heights of a board above its middle, up to where there are words
+_FIELD_OF_VIEW = 0.6  # [rad]
+_BACKGROUND = 245
+
+
+def view(
+    shown: ViewerContent | PlanResult | ProgramResult | TimedMotion | Trajectory | Sequence[PlanResult],
+    *,
+    robot: Robot | None = None,
+    scene: Scene | None = None,
+    port: int = PORT,
+    browser: bool = True,
+) -> None:
+    """Show paths in the browser, until Ctrl-C; needs the extra `safe-ompl[viewer]`.
+
+    Parameters
+    ----------
+    shown : PlanResult, sequence of PlanResult, ProgramResult, Trajectory, TimedMotion or ViewerContent
+        What is shown; several results stand side by side.
+    robot, scene : Robot and Scene
+        Of a `Trajectory`, which does not know them; the scene may be left out.
+    port : int
+        Port of the server; the next free one if it is taken.
+    browser : bool
+        Whether to open it in the browser.
+
+    Raises
+    ------
+    InputError
+        If a result does not know its robot and scene, or they are about different ones; if the robot of a trajectory is
+        missing.
+    SafeOmplError
+        If viser is not installed.
+    """
+    if isinstance(shown, Trajectory):
+        if robot is None:
+            raise InputError("a Trajectory does not know its robot: give robot=, and scene=", "view")
+        shown = TimedMotion.of(shown, robot, Scene() if scene is None else scene)
+    if isinstance(shown, TimedMotion):
+        shown = ViewerContent.of_motions([shown])
+    elif isinstance(shown, ProgramResult):
+        shown = ViewerContent.of_program(shown)
+    elif not isinstance(shown, ViewerContent):
+        shown = ViewerContent.of_results([shown] if isinstance(shown, PlanResult) else shown)
+    BrowserView(shown, port=port).run(browser=browser)
+
+
+class BrowserView:
+    """A view, served to browsers on this machine.
+
+    The port is the next free one if it is taken. The `scene` of the `server` of viser may be added to; `share` is where
+    on the paths the robots are, as a fraction of their length.
+    """
+
+    def __init__(self, content: ViewerContent, *, port: int = PORT) -> None:
+        self.content = content
+        try:
+            viser = import_module("viser")
+        except ImportError as missing:
+            raise SafeOmplError("the view needs viser: pip install 'safe-ompl[viewer]'") from missing
+        with redirect_stdout(StringIO()):  # viser prints a banner
+            self.server = viser.ViserServer(host="127.0.0.1", port=port, label=content.title, verbose=False)
+        self.server.scene.set_up_direction("+z")
+        self.server.scene.set_background_image(np.full((2, 2, 3), _BACKGROUND, dtype=np.uint8))
+        body = RobotBody(content.robot)
+        styles = planner_styles(content.paths)
+        names = list(content.paths) or [""]
+        self.path_views = [
+            PathView(self.server.scene, k, content, name, body, styles[name].colour if name else None)
+            for k, name in enumerate(names)
+        ]
+        self._set_camera()
+        self.go_to(0.0)
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://127.0.0.1:{self.server.get_port()}"
+
+    def go_to(self, share: float) -> None:
+        """Bring all robots to a fraction of the length of their paths."""
+        self.share = float(np.clip(share, 0.0, 1.0))
+        self._postures = [path_view.at(self.share) for path_view in self.path_views]
+        self._on_path = True
+        self.refresh()
+
+    def pose(self, q: FloatArray) -> None:
+        """Bring all robots to the configuration `q: (n,)`."""
+        self._postures = [q] * len(self.path_views)
+        self._on_path = False
+        self.refresh()
+
+    @property
+    def q(self) -> FloatArray:
+        """The configuration (n,) of the first robot."""
+        return self._postures[0]
+
+    def refresh(self) -> None:
+        """Draw all robots, and what is drawn over them, once more."""
+        with self.server.atomic():
+            for path_view, q in zip(self.path_views, self._postures, strict=True):
+                path_view.pose(q)
+                if self._on_path:
+                    path_view.at_time(self.share * self.content.playing_time)
+
+    def describe(self) -> list[str]:
+        """Return for each path_view what there is to say of its robot, as Markdown."""
+        share = self.share if self._on_path else None
+        both = zip(self.path_views, self._postures, strict=True)
+        return [path_view.describe(q, share) for path_view, q in both]
+
+    def run(self, *, browser: bool = True) -> None:
+        """Serve the view until Ctrl-C, in the browser if that is to be opened."""
+        controls = Controls(self)
+        if browser:
+            webbrowser.open(self.url)
+        while True:
+            sleep(controls.advance())
+
+    def stop(self) -> None:
+        """Stop serving."""
+        with redirect_stdout(StringIO()):
+            self.server.stop()
+
+    def _set_camera(self) -> None:
+        """Set the paths beside each other, and the camera so that it sees all of them."""
+        paths = [path_view.samples for path_view in self.path_views]
+        drawn = DrawnScene(self.content.robot, self.content.scene_at_start, paths)
+        best = best_view(drawn, (_SIZE[0] // len(paths), _SIZE[1]))
+        (back, right), landmarks = best.axes(), drawn.landmarks()
+        for path_view in self.path_views:
+            path_view.add_floor(drawn)
+        if self.content.motions:  # a board over each path, which faces the camera
+            width = _BOARD * drawn.size
+            centre, up = 0.5 * (landmarks.min(axis=0) + landmarks.max(axis=0)), np.array([0.0, 0.0, 1.0])
+            centre[2] = landmarks[:, 2].max() + 0.65 * width * BOARD_SHAPE
+            for path_view in self.path_views:
+                path_view.add_board(centre, width, np.array([back[0], back[1], 0.0]))
+            ends = (-1, _WORDS)
+            corners = [centre + 0.5 * width * (x * right + z * BOARD_SHAPE * up) for x in (-1, 1) for z in ends]
+            landmarks = np.vstack([landmarks, *corners])
+        step = _APART * float(np.ptp(landmarks @ right)) * right
+        places = [step * (k - 0.5 * (len(paths) - 1)) for k in range(len(paths))]
+        for path_view, place in zip(self.path_views, places, strict=True):
+            path_view.root.position = place
+        azimuth, elevation = float(np.arctan2(back[1], back[0])), float(np.arcsin(back[2]))
+        points = np.vstack([landmarks + place for place in places])
+        camera = best.framing(points, azimuth, elevation, _SIZE, _FIELD_OF_VIEW)
+        initial = self.server.initial_camera
+        initial.position, initial.look_at, initial.fov = camera.eye, camera.target, camera.field_of_view
+
+
+_REST = 0.8  # [s] at the goal, before it begins again
+_RATE = 25.0  # [Hz] of frames, where a motion has times
+_FEWEST, _MOST = 97, 1501  # frames
+
+
+def save_page(content: ViewerContent, file: str | Path) -> None:
+    """Write a view as one HTML file that needs no server and no network; SafeOmplError if viser is not installed."""
+    view = BrowserView(content)
+    try:
+        recording = view.server.get_scene_serializer()
+        if content.paths:
+            wanted = _RATE * content.playing_time if content.motions else _FEWEST
+            frames = int(np.clip(wanted, _FEWEST, _MOST))
+            for share in np.linspace(0.0, 1.0, frames)[1:]:
+                recording.insert_sleep(content.playing_time / (frames - 1))
+                view.go_to(float(share))
+            recording.insert_sleep(_REST)
+        files.write(file, recording.as_html())
+    finally:
+        view.stop()
+
+
+_FRAME, _IDLE = 1 / 30, 0.1  # [s]
+_STEP = 1e-3
+
+
+class Controls:
+    """The panel of a live view: play bar and joint sliders."""
+
+    def __init__(self, view: BrowserView, clock: Callable[[], float] = perf_counter) -> None:
+        self._view, self._clock = view, clock
+        self._gui = view.server.gui
+        self._text = self._gui.add_markdown("")
+        self._last = clock()
+        self._playing = False
+        self._following = False  # whether sliders follow the robot, and do not lead it
+        if view.content.paths:
+            self._add_play_bar()
+        self._add_joints()
+        self._describe()
+
+    def advance(self) -> float:
+        """Play on, if it plays; return after how long to come again [s]."""
+        if not self._playing:
+            return _IDLE
+        now = self._clock()
+        share = self._view.share + (now - self._last) / self._view.content.playing_time * self._speed.value
+        self._last = now
+        self.go_to(share % 1.0)
+        return _FRAME
+
+    def _add_play_bar(self) -> None:
+        self.bar = self._gui.add_slider("path", 0.0, 1.0, _STEP, 0.0)
+        self._button = self._gui.add_button("Play")
+        self._speed = self._gui.add_slider("speed", 0.1, 3.0, 0.1, 1.0)
+        self.bar.on_update(lambda _: None if self._following else self.go_to(self.bar.value))
+        self._button.on_click(lambda _: self.play(not self._playing))
+
+    def play(self, on: bool) -> None:
+        """Start or stop playing."""
+        self._playing = on
+        self._button.label = "Pause" if on else "Play"
+        self._last = self._clock()
+
+    def go_to(self, share: float) -> None:
+        """Bring the robots to a fraction of their paths, and all sliders with them."""
+        self._view.go_to(share)
+        self._following = True
+        self.bar.value = round(share / _STEP) * _STEP
+        robot = self._view.content.robot
+        for slider, value in zip(self.joints, np.clip(self._view.q, robot.lower, robot.upper), strict=True):
+            slider.value = float(value)
+        self._following = False
+        self._describe()
+
+    def _add_joints(self) -> None:
+        robot, q = self._view.content.robot, self._view.q
+        with self._gui.add_folder("Joints", expand_by_default=not self._view.content.paths):
+            limits = zip(robot.joint_names, robot.lower.tolist(), robot.upper.tolist(), q, strict=True)
+            self.joints = [
+                self._gui.add_slider(name, low, high, (high - low) / 1000, float(np.clip(value, low, high)))
+                for name, low, high, value in limits
+            ]
+        for slider in self.joints:
+            slider.on_update(lambda _: self._pose_by_sliders())
+
+    def _pose_by_sliders(self) -> None:
+        if not self._following:
+            if self._playing:
+                self.play(False)
+            self._view.pose(np.array([slider.value for slider in self.joints]))
+            self._describe()
+
+    def _describe(self) -> None:
+        self._text.content = "\n\n".join(self._view.describe())

@@ -1,0 +1,308 @@
+"""Detours: when the path ahead is barred or slow, a quicker one is searched on a roadmap among still obstacles."""
+
+from __future__ import annotations
+
+import heapq
+import logging
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+
+from safe_ompl.collision import MotionProver
+from safe_ompl.common import BoolArray, FloatArray
+from safe_ompl.live.replanning.bodies import RobotBodies
+from safe_ompl.live.replanning.guard import Command
+from safe_ompl.live.replanning.guarded_path import Around, GuardedPath, PathLimits, line
+from safe_ompl.motions import Motion, blended
+
+_log = logging.getLogger(__name__)
+
+_MILESTONES = 150  # that are drawn around each new trajectory
+_SPREAD = (0.3, 0.6, 1.2)  # [rad] how far from the curve samples are, in turn
+_NEIGHBOURS = 8  # of a milestone
+_STEP = 0.1  # [rad] cells of edges: estimates may be coarse
+_KEPT = 400  # edges whose cells are kept
+_STALE = 0.3  # [s] for which an estimate is kept at least, also of an edge that people slow down
+_AWAY, _SLOWEST = 0.05, 0.01  # or until people who are no slower [m/s] can be so far from where they were [m]
+_PROOF, _ESTIMATE, _SHORTCUT = 8, 1, 12  # units of work; a shortcut is a motion that replaces several edges
+# A detour must take less than this share of the time, and be this much quicker [s].
+_GAIN, _WORTH = 0.75, 0.3
+_SLOW = 1.2  # a detour is searched if the rest takes so many times as long as with nobody near
+# Detours are not wanted that take longer [s], and so many times as long as the rest alone.
+_LONGEST, _TIMES = 30.0, 10.0
+_SMALL = 1e-6  # [rad]
+_TOLERANCE = 0.3  # [rad] of blends: the way points of a roadmap need not be met
+
+
+@dataclass
+class _Edge:
+    """What is known of a straight motion between two milestones."""
+
+    free: bool | None = None  # of what stands still: proven once, for ever
+    full: float | None = None  # how long it takes with nobody near, at least [s]
+    time: float = 0.0  # what it costs beside people [s]; inf: it is barred
+    until: float = -np.inf  # when that ends to hold [s]: before that nobody can be near enough to slow it down
+
+
+class Detours:
+    """Searches paths that are quicker beside people as they are now, and keep the limits.
+
+    Milestones are drawn around the trajectories that `cover` is given. An edge between two is proven free of still
+    obstacles when it is first needed. An estimate of how long it takes beside people holds until anyone can be near
+    enough to slow it down, at the earliest: for T = (distance − what a full-speed stop needs)/v. Paths keep `limits`;
+    `left` units of work may be done now. Joints that are not `movable: (n,)` stay as on the trajectories.
+    """
+
+    def __init__(
+        self,
+        prover: MotionProver,
+        bodies: RobotBodies,
+        limits: PathLimits,
+        tick: float,
+        movable: BoolArray | bool = True,
+    ) -> None:
+        self._prover, self._bodies, self._tick, self.limits, self._movable = prover, bodies, tick, limits, movable
+        self._robot = prover.checker.robot
+        self._rng, self.left = np.random.default_rng(0), 0
+        self.milestones: FloatArray = np.empty((0, self._robot.n))
+        self._tips: FloatArray = np.empty((0, 3))  # where the milestones have the tip
+        self._near: list[list[int]] = []
+        self._edges: defaultdict[tuple[int, int], _Edge] = defaultdict(_Edge)
+        self._passing: dict[str, int] = {}  # the milestones that are moved to starts and goals
+        # A path that nobody can slow down before a time [s].
+        self._undisturbed: tuple[GuardedPath | None, float] = (None, 0.0)
+        self._paths = lru_cache(_KEPT)(self._straight)
+
+    # ------------------------------------------------------------------------------------------------- milestones
+
+    def cover(self, curve: Motion) -> None:
+        """Add milestones around a curve, unless its ends are milestones."""
+        ends = curve.places(np.array([0.0, curve.length])).q
+        if all(self._known(q) is not None for q in ends):
+            return
+        on_it = curve.places(np.linspace(0.0, curve.length, 2 + int(curve.length / max(_SPREAD)))).q
+        samples = [q for q in on_it if self._known(q) is None]
+        for k in range(_MILESTONES):
+            way = curve.places(self._rng.uniform(0.0, curve.length, 1)).q[0]
+            q = way + self._rng.uniform(-1.0, 1.0, self._robot.n) * _SPREAD[k % len(_SPREAD)] * self._movable
+            q = np.clip(q, self._robot.lower, self._robot.upper)
+            if not self._prover.checker.touches(q):
+                samples.append(q)
+        self._add(samples)
+        self._near = [[] for _ in self.milestones]
+        for k, q in enumerate(self.milestones):
+            self._join(k, q, _NEIGHBOURS)
+
+    def _add(self, samples: list[FloatArray]) -> None:
+        """Add milestones, each (n,)."""
+        self.milestones = np.concatenate([self.milestones, samples])
+        self._tips = np.concatenate([self._tips, [self._tip(q) for q in samples]])
+
+    def _tip(self, q: FloatArray) -> FloatArray:
+        return np.asarray(self._robot.tip_pose(q).translation)
+
+    def _join(self, k: int, q: FloatArray, count: int) -> None:
+        """Join milestone k at `q: (n,)` to those to which straight motions of the joints are shortest, but itself."""
+        order: list[int] = np.argsort(self._joint_times(q), kind="stable").tolist()
+        for other in order[1 : count + 1]:
+            for one, two in ((k, other), (other, k)):
+                if two not in self._near[one]:
+                    self._near[one].append(two)
+
+    def _known(self, q: FloatArray) -> int | None:
+        same = np.flatnonzero(np.abs(self.milestones - q).max(axis=1, initial=0.0) < 1e-9)
+        return int(same[0]) if len(same) else None
+
+    def _joint_times(self, q: FloatArray) -> FloatArray:
+        """Return how long (N,) the joints take for the straight motions to all milestones at full speed [s]."""
+        moves = np.abs(self._robot.difference(self.milestones, q))
+        return np.asarray((moves / self.limits.joints.velocity).max(axis=1, initial=0.0))
+
+    def _full_times(self, q: FloatArray) -> FloatArray:
+        """Return how long (N,) motions to all milestones take with nobody near, at least [s]."""
+        ways = np.linalg.norm(self._tips - self._tip(q), axis=1)
+        cap = min(self.limits.tool_speed or np.inf, self.limits.link_speed or np.inf)
+        return np.asarray(np.maximum(self._joint_times(q), ways / cap))
+
+    # ------------------------------------------------------------------------------------------------------ edges
+
+    def _spend(self, units: int) -> bool:
+        """Take some units, or return False if there are not so many left."""
+        if self.left < units:
+            return False
+        self.left -= units
+        return True
+
+    def _edge(self, a: int, b: int) -> _Edge:
+        return self._edges[min(a, b), max(a, b)]
+
+    def _time(self, a: int, b: int, around: Around, now: float) -> float | None:
+        """Return what an edge costs [s], inf where it is not free; None if there are too few units to find out."""
+        edge, start, end = self._edge(a, b), self.milestones[min(a, b)], self.milestones[max(a, b)]
+        if edge.free is None:
+            if not self._spend(_PROOF):
+                return None
+            edge.free = self._prover.is_free(start, end)
+        if edge.free and now > edge.until:
+            if not self._spend(_ESTIMATE):
+                return None
+            costs, left = self._between(start, end).pace(around, self._tick)
+            fastest = max(float((around.sets.grown(1.0) - around.sets.grown(0.0)).max(initial=0.0)), _SLOWEST)
+            edge.time, edge.until = float(costs.sum()), now + max(_STALE, _AWAY / fastest, left)
+        return edge.time if edge.free else np.inf
+
+    def _between(self, start: FloatArray, end: FloatArray) -> GuardedPath:
+        """Return the straight motion between two configurations (n,), in coarse cells."""
+        return self._paths(start.tobytes(), end.tobytes())
+
+    def _straight(self, start: bytes, end: bytes) -> GuardedPath:
+        a, b = np.frombuffer(start), np.frombuffer(end)
+        return GuardedPath.along(self._bodies, line(a, a + self._robot.difference(a, b)), self.limits, _STEP)
+
+    # ----------------------------------------------------------------------------------------------------- search
+
+    def quickest(
+        self, start: FloatArray, goal: FloatArray, around: Around, now: float, within: float
+    ) -> tuple[list[FloatArray], float] | None:
+        """Return the quickest path (n,) to (n,) beside people as they are now, and what it costs [s].
+
+        A lazy A*: edges count with their time at full speed until they lie on the best path; then they are proven, and
+        their cost is estimated. Paths that cost more than `within` [s] are not wanted. What was learnt with the units
+        that are left is kept for the next call.
+        """
+        first, last = self._end("start", start), self._end("goal", goal)
+        ahead = self._full_times(goal)
+        while True:
+            path = self._best(first, last, now, ahead, within)
+            if path is None:
+                return None
+            before = self.left
+            times = [self._time(a, b, around, now) for a, b in pairwise(path)]
+            if None in times:
+                return None
+            if self.left == before:  # nothing was learnt, so the best path is final
+                cost = sum(self._cost(a, b, now) for a, b in pairwise(path))
+                return [self.milestones[k] for k in path], cost
+
+    def _end(self, which: str, q: FloatArray) -> int:
+        """Return the milestone at q; if there is none, the one for a start or a goal is moved there."""
+        known = self._known(q)
+        if known is not None:
+            return known
+        k = self._passing.get(which)
+        if k is None:
+            k = self._passing[which] = len(self.milestones)
+            self._add([q])
+            self._near.append([])
+        else:
+            self.milestones[k], self._tips[k] = q, self._tip(q)
+            for other in self._near[k]:
+                self._near[other].remove(k)
+            self._near[k] = []
+            for key in [key for key in self._edges if k in key]:
+                del self._edges[key]
+        self._join(k, q, 2 * _NEIGHBOURS)
+        return k
+
+    def _cost(self, a: int, b: int, now: float) -> float:
+        edge = self._edge(a, b)
+        if edge.free is False:
+            return np.inf
+        if edge.full is None:
+            edge.full = float(self._full_times(self.milestones[min(a, b)])[max(a, b)])
+        if now > edge.until:
+            return edge.full
+        return max(edge.full, edge.time)
+
+    def _best(self, first: int, last: int, now: float, ahead: FloatArray, within: float) -> list[int] | None:
+        """Return the best path by what is known, or None if it takes longer than wanted."""
+        best = {first: 0.0}
+        before: dict[int, int] = {}
+        queue = [(float(ahead[first]), first)]
+        closed: set[int] = set()
+        while queue:
+            _, k = heapq.heappop(queue)
+            if k == last:
+                path = [k]
+                while path[-1] in before:
+                    path.append(before[path[-1]])
+                return path[::-1]
+            if k in closed:
+                continue
+            closed.add(k)
+            for other in self._near[k]:
+                cost = best[k] + self._cost(k, other, now)
+                if cost < best.get(other, np.inf) and cost + ahead[other] <= within:
+                    best[other], before[other] = cost, k
+                    heapq.heappush(queue, (cost + float(ahead[other]), other))
+        return None
+
+    def search(
+        self, command: Command, around: Around, now: float, units: int, others: Sequence[FloatArray] = ()
+    ) -> tuple[GuardedPath, float] | None:
+        """Return a quicker path to a goal that leaves the command's path where its stop ends; None if none is found.
+
+        The goal is the end of that path, or one of the `others`, each (n,).
+
+        It begins with the rest of the command's path up to there, so that the robot can change over at any time before
+        that. The arc length of the command's path at which it begins is returned as well. At most so many units of work
+        are done; the next call goes on where this one ended.
+        """
+        path, self.left = command.path, units
+        rest = float(command.motion.places[-1])
+        if path.length - rest < _SMALL:
+            return None
+        if self._undisturbed[0] is path and now < self._undisturbed[1]:
+            return None
+        coarse = path.coarse
+        expected, left = coarse.pace(around, self._tick)
+        self._undisturbed = path, now + left
+        ahead = coarse.edges[1:] > rest
+        alone = np.diff(coarse.edges) / np.sqrt(coarse.squares)  # how long cells take with nobody near, at least
+        stay, least = float(expected[ahead].sum()), float(alone[ahead].sum())
+        if stay < _SLOW * least + _WORTH:
+            return None
+        start, goal = path.curve.places(np.array([rest, path.length])).q
+        within, found = min(_GAIN * stay, stay - _WORTH, max(_LONGEST, _TIMES * least)), None
+        for end in (goal, *others):
+            better = self.quickest(start, end, around, now, within)
+            if better is not None:
+                found, within = better, better[1]
+        if found is None:
+            return None
+        points = self._shortened(found[0], around)
+        curve = blended(np.array(points), self._robot, _TOLERANCE, self._prover, self.limits.joints)
+        way = GuardedPath.along(self._bodies, curve, self.limits)
+        costs = float(way.coarse.pace(around, self._tick)[0].sum())
+        if costs > min(_GAIN * stay, stay - _WORTH):
+            return None
+        _log.info("%.3f s: a detour of %.2f rad costs %.1f s instead of %.1f s", now, way.length, costs, stay)
+        first = command.motion.at(now - command.time)[0]
+        if rest - first <= _SMALL:  # it stands
+            return way, rest
+        begin = float(path.curve.times[path.curve.piece_at(np.array([first]))[0]])
+        return path.from_to(first, rest).then(way), begin
+
+    def _shortened(self, points: list[FloatArray], around: Around) -> list[FloatArray]:
+        """Return the path without the points that a free and no slower straight motion can leave out."""
+
+        def cost(*through: FloatArray) -> float:
+            every = (self._between(a, b).pace(around, self._tick)[0] for a, b in pairwise(through))
+            return sum(float(costs.sum()) for costs in every)
+
+        kept, k = [points[0]], 0
+        while k < len(points) - 1:
+            for other in range(len(points) - 1, k, -1):
+                if other == k + 1 or (
+                    self._spend(_SHORTCUT)
+                    and self._prover.is_free(points[k], points[other])
+                    and cost(points[k], points[other]) <= cost(*points[k : other + 1])
+                ):
+                    kept.append(points[other])
+                    k = other
+                    break
+        return kept

@@ -1,0 +1,327 @@
+"""One tick of a robot beside people: what is driven is proven until the next tick, and so is its stop.
+
+`Guard` is what a `Replanner` and a `Shield` share. At every tick
+
+1. `update` takes what was seen. From that follow the sets that people and objects do not leave (`Surroundings`).
+2. `command` tries motions along a `GuardedPath`, from full acceleration to full braking: each is for a tick and ends in
+   a stop. The fastest one is taken whose margin to the sets is not negative all along (`_next`). If there is none, the
+   robot follows what is left of the stop of the tick before (`_kept`): its proof still holds.
+3. A replanner uses the time that is left to `think`: it searches detours, and retreats from who is near.
+
+What is ahead comes from a trajectory and from detours (`Replanner`), or from what somebody proposes (`Shield`).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.collision import CollisionChecker, MotionProver
+from safe_ompl.common import FloatArray, InputError, Section, key, number
+from safe_ompl.io import ticks_header
+from safe_ompl.live import ReachViolation, Surroundings
+from safe_ompl.live.replanning.bodies import RobotBodies
+from safe_ompl.live.replanning.guarded_path import Around, GuardedPath, MotionMargin, PathLimits
+from safe_ompl.live.replanning.stop_motion import StopMotion
+from safe_ompl.motions import SEPARATION, ContactLimits, State
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+
+_log = logging.getLogger(__name__)
+_Given = TypeVar("_Given", bound="Command")
+
+# Accelerations that are tried between full braking (−1) and full acceleration (1), by bisection.
+_PUSHES: tuple[float, ...] = tuple((np.arange(-15, 16) / 16).tolist())
+_SAME = 1e-6  # [rad] places nearer than this are one
+
+
+class Doing(str, Enum):
+    """What the robot does, in one word."""
+
+    MOVING = "moving"
+    SLOWED = "slowed"
+    BRAKING = "braking"
+    STANDING = "standing"
+    RETREATING = "retreating"
+    DONE = "done"
+
+
+@dataclass(frozen=True)
+class Command:
+    """A motion of one tick and the stop after it, both proven against what was measured.
+
+    A controller follows `at`. If no other command comes, it follows this one to its end, and stands.
+    """
+
+    time: float  # From when on it holds [s]
+    measured: float  # When that was measured against which it is proven [s]
+    path: GuardedPath  # That it follows
+    motion: StopMotion
+    doing: Doing
+    # The smallest margin along the motion; where that is the rest of an earlier stop, or the robot stands, of the
+    # motion that could not be proven.
+    left: MotionMargin
+    reason: str = ""  # Why the robot is not as fast as it could be
+    rule: str = ""  # Which rule keeps people from making it faster: ``separation``, ``contact`` or ``clamping``
+
+    @property
+    def standstill(self) -> float:
+        """When the robot stands at the latest [s]."""
+        return self.time + self.motion.duration
+
+    def at(self, time: float) -> State:
+        """Return joint values, velocities and accelerations (n,) at a time [s] from `time` on."""
+        s, speed, push = self.motion.at(time - self.time)
+        q, first, second, _ = (values[0] for values in self.path.curve.places(np.array([s])))
+        return State(q, first * speed, first * push + second * speed * speed)
+
+    def until_rest(self, time: float, step: float) -> tuple[FloatArray, list[State]]:
+        """Return times (K,) [s] from one on, a step apart, the last one when the robot stands, and what holds then."""
+        steps = np.arange(time, self.standstill - 1e-6, step)
+        states = [*(self.at(each) for each in steps.tolist()), self.at(np.inf)]
+        return np.append(steps, max(time, self.standstill)), states
+
+    def tick_at(self, time: float, step: float) -> dict[str, Any]:
+        """Return what a tick (`safe_ompl.io.ticks`) says of the robot at a time [s]; the rest is in steps [s]."""
+        times, states = self.until_rest(max(time, self.time), step)
+        return {
+            "time": time,
+            "q": states[0].q.tolist(),
+            "qd": states[0].qd.tolist(),
+            "stop": stop_as_dict(times, states),
+            "state": self.doing.value,
+            "margin": self.left.margin,
+            "reason": self.reason,
+            "rule": self.rule or None,
+            "measured": self.measured,
+        }
+
+
+def stop_as_dict(times: FloatArray, states: Sequence[State]) -> dict[str, Any]:
+    """Return the rest of a command (K instants [s], and what holds then), as a tick has it."""
+    return {
+        "times": times.tolist(),
+        "q": [state.q.tolist() for state in states],
+        "qd": [state.qd.tolist() for state in states],
+    }
+
+
+@dataclass(frozen=True)
+class ReplanningOptions(Section):
+    """How a `Replanner` or a `Shield` works; raises InputError if a number is out of its range."""
+
+    # Time between two commands [s]
+    tick: float = key(number, default=0.05, above=0.0, kind="number of seconds")
+    # A person or object that is not seen for so long is lost: the robot stops [s]
+    lost_after: float = key(number, default=0.5, above=0.0)
+    # The robot is where it is told to be by so much later at the latest, and may still move then [s]
+    lag: float = key(number, default=0.0, at_least=0.0)
+    # Of joints, tool and links, for a `Shield`; default: those of the robot's joints. A `Replanner` keeps the limits
+    # of its trajectories.
+    limits: PathLimits | None = None
+    # Whether `Replanner.think` searches detours, and motions away from people who are near a robot that stands. A robot
+    # that retreats may be touched by who runs after it, as one that stands.
+    detours: bool = True
+    retreats: bool = True
+    joints: tuple[str, ...] | None = None  # that these may move, such as all but those of a gripper; default: all
+
+
+class Guard:
+    """A robot, who is around it, and the commands that are proven against them.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    surroundings : Surroundings
+        What stands still around it; all people and objects that move, and what must be left to them. The reaction time
+        of people is not used: the delay is known at every tick.
+    options : ReplanningOptions, optional
+        Time between commands, when somebody is lost, limits, detours.
+    prover : MotionProver, optional
+        Proves motions among still obstacles, with limits such as of danger or clearance. Its scene is
+        `surroundings.still`. Default: motions must be free of collisions. If it has a tube (`Separation.tube`), all
+        that is said holds for every robot whose joints are that near to the command at any time, beside people, too.
+
+    Raises
+    ------
+    InputError
+        If a number is out of its range; if the prover is of another robot or of another scene; if the speed of tool or
+        links is limited, or contact allowed, within a tube, which bounds positions only.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        surroundings: Surroundings,
+        *,
+        options: ReplanningOptions | None = None,
+        prover: MotionProver | None = None,
+    ) -> None:
+        self.robot, self.surroundings = robot, surroundings
+        self.options = options = ReplanningOptions() if options is None else options
+        self.tick = float(options.tick)  # between two commands [s]
+        people, still = surroundings.rules, surroundings.still
+        self.prover = MotionProver(CollisionChecker(robot, still)) if prover is None else prover
+        _check_prover(self.prover, robot, still)
+        tube = self.prover.separation.tube
+        if tube and people.contact:
+            raise InputError("bounds positions, not velocities: contact cannot be proven within it", "tube")
+        limits = options.limits
+        if tube and limits is not None and (limits.tool_speed or limits.link_speed):
+            raise InputError("bounds positions: speeds of tool and links cannot be proven within it", "tube")
+        self.clearance = people.clearance  # that must be left to people by a robot that may be anywhere in its tube [m]
+        # At what speeds contact is borne; None: it is not allowed.
+        self.contact = contact_limits(robot, surroundings) if people.contact else None
+        self.bodies = RobotBodies(robot, tube)
+        self._last: Command | None = None  # the newest command
+        self._time = 0.0  # for which it was asked for
+        self._margin = MotionMargin(np.inf)  # of the motion that was tried last
+        self._past: StopMotion | None = None  # where the jerk is limited: of a motion that moves and is to go on
+        self._violated = False
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.robot.name!r}, {self.surroundings!r}, tick={self.tick:g})"
+
+    def update(
+        self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
+    ) -> list[ReachViolation]:
+        """Take what sensors saw at a time [s]; return who moved farther than promised, which makes the robot stop.
+
+        `people` are key points (J, 3) of those that were seen, as their skeletons have them, NaN: not seen; `objects`
+        are poses (Pose, pin.SE3 or 4×4), those of clouds their points (N, 3) in the world [m].
+        Raises InputError if the time goes backwards, a name is not known, or what was seen cannot be used.
+        """
+        violations = self.surroundings.update(people, objects, time)
+        if violations and not self._violated:
+            _log.warning("%.3f s: %s: stop", time, violations[0])
+        self._violated = bool(violations)
+        return violations
+
+    def _place(self, time: float) -> tuple[float, float]:
+        """Return s and ṡ on the path of the last command at a time [s]; raise InputError if time goes backwards."""
+        last = self._last
+        if not time >= self.surroundings.time or not (last is None or time >= last.time):
+            raise InputError(f"time must not go backwards: a command for {time!r} s", "time")
+        self._past = None
+        if last is None:
+            return 0.0, 0.0
+        s, speed, _ = last.motion.at(time - last.time)
+        if last.motion.window and speed > 0:
+            self._past = last.motion.past(time - last.time)
+        return s, speed
+
+    # ----------------------------------------------------------------------------------------------------- proofs
+
+    def _next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+        """Return the fastest motion from (s, ṡ) that is proven with its stop; None if none is."""
+        if speed == 0 and s >= path.length - _SAME:
+            rest = path.motion_from(path.length, 0.0, -1.0, self.tick)
+            return Command(time, self.surroundings.time, path, rest, Doing.DONE, MotionMargin(np.inf))
+        if not self.surroundings.known:
+            return None
+        trouble = self.surroundings.trouble(time, self.options.lost_after)
+        if trouble is not None:
+            return self._proven(path, s, speed, -1.0, time, trouble) if speed > 0 else None
+        fastest = self._proven(path, s, speed, 1.0, time)
+        return self._slower(path, s, speed, time) if fastest is None else fastest
+
+    def _slower(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+        """Return the fastest one of those with less than full acceleration; None if none is proven."""
+        pushes = [push for push in (-1.0, *_PUSHES) if speed > 0 or push > 0]
+        found, blamed, first, last = None, self._margin, 0, len(pushes)
+        while first < last:  # by bisection: a motion that is slower than a proven one most often is proven
+            middle, self._margin = (first + last) // 2, blamed
+            slower = self._proven(path, s, speed, pushes[middle], time, blamed)
+            found = slower or found
+            first, last = (first, middle) if slower is None else (middle + 1, last)
+        return found
+
+    def _proven(
+        self, path: GuardedPath, s: float, speed: float, push: float, time: float, why: MotionMargin | str = ""
+    ) -> Command | None:
+        """Return the motion from (s, ṡ) with s̈ = push · brakes and its stop if both are proven; else note the margin.
+
+        `why` it is not the fastest one is the margin of that, or what is wrong with who is around.
+        """
+        around = self._around(time)
+        motion = path.motion_from(s, speed * speed, push, self.tick, self._past)
+        margin = path.margin(motion, around)
+        if margin.margin < 0:
+            self._margin = margin
+            return None
+        doing = Doing.BRAKING if push == -1.0 else Doing.SLOWED if why else Doing.MOVING
+        reason, rule = (why.description, why.rule) if isinstance(why, MotionMargin) else (why, "")
+        if rule not in ("", SEPARATION) and path.margin(motion, around._replace(contact=None)).margin >= 0:
+            rule = SEPARATION
+        return Command(time, self.surroundings.time, path, motion, doing, margin, reason, rule)
+
+    def _around(self, time: float) -> Around:
+        """Return who is around when the robot begins a motion of a time [s], which is later than that by the lag."""
+        known = self.surroundings
+        return Around(known.sets, time - known.time + self.options.lag, self.clearance, self.contact)
+
+    def _kept(self, path: GuardedPath, s: float, speed: float, time: float) -> Command:
+        """Return what is left of the stop that was proven before, or rest."""
+        last = self._last
+        trouble = self.surroundings.trouble(time, self.options.lost_after)
+        why = self._margin, trouble or self._margin.description, "" if trouble else self._margin.rule
+        if last is None or speed == 0:
+            rest = path.motion_from(s, 0.0, -1.0, self.tick)
+            return Command(time, self.surroundings.time, path, rest, Doing.STANDING, *why)
+        doing = last.doing if last.doing is Doing.RETREATING else Doing.BRAKING
+        return Command(last.time, last.measured, path, last.motion, doing, *why)
+
+    # ------------------------------------------------------------------------------------------------------- log
+
+    def log_header(self) -> dict[str, Any]:
+        """Return the header of a log of ticks (`safe_ompl.io.TicksFile`, `safe_ompl.live.ros.McapLog`)."""
+        around = self.surroundings
+        return ticks_header(self.tick, self.robot, around.scene, around.description())
+
+    def log_tick(self) -> dict[str, Any]:
+        """Return the newest command and where all were seen last, as a tick of a log; distances are not measured."""
+        if self._last is None:
+            raise InputError("there was no command yet")
+        unknown = dict.fromkeys(("distance", "link", "who", "limb"))
+        return {**self._last.tick_at(self._time, self.tick), **self.surroundings.seen(), **unknown}
+
+    def _given(self, command: _Given, time: float) -> _Given:
+        """Keep a command as the last one, and return it; what the robot does now goes to the log if it is new."""
+        before = None if self._last is None else self._last.doing
+        self._last, self._time = command, time
+        if command.doing is before:
+            return command
+        why = f": {command.reason}" if command.reason else ""
+        drives = (Doing.MOVING, Doing.SLOWED)
+        level = logging.DEBUG if command.doing in drives and before in drives else logging.INFO
+        _log.log(level, "%.3f s: %s%s", time, command.doing.value, why)
+        return command
+
+
+def contact_limits(robot: Robot, surroundings: Surroundings) -> ContactLimits:
+    """Return at what speeds contact is borne, for limbs and objects in the order of their reach sets."""
+    bodies = {name: track.tracker.body for name, track in surroundings.people.items()}
+    limbs = [(name, limb) for name, body in bodies.items() for limb in body.limbs]
+    solids = [name for name in surroundings.shapes if name not in surroundings.clouds]
+    limbs += [(name, "") for name in solids for _ in surroundings.shapes[name].parts()]
+    heights = {name: body.height for name, body in bodies.items()}
+    # A limb may be clamped against an object, wherever that is by then.
+    always = bool(surroundings.objects)
+    return ContactLimits(robot, surroundings.still, surroundings.rules, limbs, heights, always_clamped=always)
+
+
+def _check_prover(prover: MotionProver, robot: Robot, still: Scene) -> None:
+    """Raise InputError unless a prover is of this robot among exactly the still obstacles."""
+    checker = prover.checker
+    if checker.robot.joint_names != robot.joint_names:
+        raise InputError(f"is of the robot {checker.robot.name!r}, not of {robot.name!r}", "prover")
+    for name in sorted(set(checker.scene.names) ^ set(still.names)):
+        where = "in its scene, but it moves" if name in checker.scene.names else "not in its scene"
+        raise InputError(f"{name!r} is {where}: give it the scene of what stands still", "prover")

@@ -1,0 +1,425 @@
+"""A path as the replanner follows it: cells with bounds of speed and braking, and motions with their stops along it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
+from safe_ompl.live import ReachSets
+from safe_ompl.live.kernels import Borne, CellFrames, cell_gaps, gaps
+from safe_ompl.live.replanning.bodies import RobotBodies
+from safe_ompl.live.replanning.stop_motion import BENDS, StopMotion, averaging_window
+from safe_ompl.motions import (
+    BRAKING,
+    CLAMPING,
+    CONTACT,
+    CONTACT_RULES,
+    LINK_SPEED,
+    SEPARATION,
+    TOOL_SPEED,
+    Cells,
+    ContactLimits,
+    Motion,
+    MotionCaps,
+    RateLimits,
+    SmoothLimits,
+    Trajectory,
+    bending_cap,
+    braking,
+    ceilings,
+    drive,
+    speed_caps,
+    velocity_cap,
+)
+
+STEP = 0.02  # [rad] largest cell
+RETREAT_SPEED = 0.25  # [m/s] the reduced speed of ISO 10218
+_SLOWEST = 0.01  # [m/s] people are taken to be no slower, in estimates
+_BARRED = 0.02  # share of the full speed: cells that people make slower than this are barred
+_AHEAD = 1.0  # [s] that estimates look ahead at most
+_COARSE = 0.1  # [rad] cells of estimates
+_ENDS = 2  # cells at the ends of a path that are estimated again in small ones if they are barred
+_ROUGH = 5e-3  # [m] error of distances in estimates
+_CLOSE = 1e-4  # [m] error of margins that are called exact
+_SAME = 1e-9  # [rad] places nearer than this are one
+_NEARLY = 1e-9  # relative: what rounding makes of a speed
+# Caps of trajectories that the replanner derives itself at every tick.
+_DERIVED = ("joint velocity", "bends beside people", *CONTACT_RULES)
+_NO_CONTACT: FloatArray = np.zeros((0, 0, 0))
+
+
+def line(start: FloatArray, end: FloatArray) -> Motion:
+    """Return the straight path between two configurations (n,), by arc length."""
+    step = end - start
+    return Motion(np.array([0.0, np.linalg.norm(step)]), np.array([[start, step]]), timed=False)
+
+
+class MotionMargin(NamedTuple):
+    """The smallest margin between a motion of the robot and what moves around it."""
+
+    margin: float  # Lower bound of distance − growth − required clearance [m]; +inf if nobody is there
+    link: str | None = None  # The link of the robot that is nearest
+    who: tuple[str, str] | None = None  # The person or object that is nearest, and its limb
+    rule: str = ""  # What that person or object must be kept to: one of `CONTACT_RULES`
+
+    @property
+    def description(self) -> str:
+        """Who may come to which link, and how much is missing."""
+        if self.link is None or self.who is None:
+            return "not everybody was seen yet"
+        who, limb = self.who
+        named = f"{limb} of {who!r}" if limb else repr(who)
+        if self.rule == CLAMPING:
+            return f"{named} may be clamped by {self.link} at a speed that is not borne"
+        if self.rule == CONTACT:
+            return f"{named} may touch {self.link} at a speed that is not borne"
+        return f"{named} may come to {self.link} before it stands ({1e3 * self.margin:.0f} mm)"
+
+
+class Around(NamedTuple):
+    """Who and what moves around a robot when a motion begins, and what must be left to them."""
+
+    sets: ReachSets  # Where they may be
+    since: float = 0.0  # How long ago the sets were measured [s], ≥ 0
+    clearance: float = 0.0  # Distance that must be left [m]
+    contact: ContactLimits | None = None  # At what speeds contact is borne, where it is allowed
+
+
+@dataclass(frozen=True)
+class PathLimits:
+    """Limits that every path of the replanner keeps, whatever its curve is."""
+
+    joints: RateLimits  # Velocities and accelerations of the joints, and jerks where they are limited
+    tool_speed: float | None = None  # Of the tip, and of every point of every link [m/s]
+    link_speed: float | None = None
+
+    def __post_init__(self) -> None:
+        MotionCaps(tool_speed=self.tool_speed, link_speed=self.link_speed)  # refuses what is absurd
+
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> PathLimits:
+        """Return those of a trajectory; raise InputError if it has a cap that holds on its own curve only."""
+        speeds = {cap.name: cap.limit for cap in trajectory.caps}
+        for cap in trajectory.caps:
+            if cap.limit is None and cap.name not in _DERIVED:
+                raise InputError(
+                    f"the cap {cap.name!r} holds on its own curve only: time it without that", "trajectory"
+                )
+        return cls(trajectory.limits, speeds.get(TOOL_SPEED), speeds.get(LINK_SPEED))
+
+    def same_as(self, other: PathLimits) -> bool:
+        """Return whether the other limits are equal to these."""
+        mine, theirs = ((of.joints.as_dict(), of.tool_speed, of.link_speed) for of in (self, other))
+        return mine == theirs
+
+
+@dataclass(frozen=True)
+class GuardedPath:
+    """A curve in cells; in each of them ṡ² and |s̈| are bounded so that the joints keep their limits.
+
+    Where the jerk is limited these are bounds of a plan; see `StopMotion`.
+    """
+
+    bodies: RobotBodies  # The robot's
+    curve: Motion  # The path, proven against all that stands still
+    limits: PathLimits  # The limits that it keeps
+    edges: FloatArray  # (N + 1,), ends of the cells [rad]
+    squares: FloatArray  # (N,), bounds X of ṡ²
+    brakes: FloatArray  # (N,), bounds b of |s̈|: |q′|b + |q″|X is within the accelerations of the joints
+    stops: IntArray  # Edges where the robot stops
+    slopes: FloatArray  # (N, n), bounds of |q′|
+    frames: CellFrames  # Of the joints at the centres of the cells, and how far bodies get from there
+    smooth: SmoothLimits | None = None  # What plans keep to in these cells, where the jerk is limited
+
+    @classmethod
+    def along(
+        cls,
+        bodies: RobotBodies,
+        curve: Motion,
+        limits: PathLimits,
+        step: float = STEP,
+        bends: Callable[[Cells, RateLimits], FloatArray] = bending_cap,
+    ) -> GuardedPath:
+        """Return the path along a curve, in cells no longer than a step [rad]; ṡ is no larger than `bends` (N,)."""
+        cells, joints = curve.cells(step), limits.joints
+        speeds = np.minimum(velocity_cap(cells, joints), bends(cells, joints))
+        of_bodies = bodies.speeds.bounds(curve, cells)
+        for cap in speed_caps(of_bodies, limits.tool_speed, limits.link_speed):
+            speeds = np.minimum(speeds, cap.speeds)
+        travel = np.ascontiguousarray(of_bodies[:, bodies.moving] * cells.sizes[:, None] / 2)
+        frames = bodies.frames(curve.at(cells.centres), travel)
+        smooth = None
+        if joints.jerk is not None:
+            smooth = SmoothLimits.of(cells, joints, speeds, averaging_window(joints), stops=True, share=BENDS)
+            speeds = smooth.cone(smooth.caps)
+        return cls(
+            bodies,
+            curve,
+            limits,
+            cells.edges,
+            speeds * speeds,
+            _brakes(cells, joints, speeds, smooth),
+            cells.stops,
+            cells.slopes,
+            frames,
+            smooth,
+        )
+
+    def __repr__(self) -> str:
+        return f"GuardedPath({self.length:.3g} rad, {len(self.brakes)} cells)"
+
+    @property
+    def length(self) -> float:
+        """Arc length [rad]."""
+        return float(self.edges[-1])
+
+    @cached_property
+    def ceiling(self) -> FloatArray:
+        """The largest ṡ² (N + 1,) at the ends of the cells from which all stops are reached."""
+        return np.asarray(ceilings(np.diff(self.edges), self.squares, self.brakes, self.stops))
+
+    @cached_property
+    def accelerations(self) -> FloatArray:
+        """Bounds (N, G) of ‖x″‖ of all points of the moving bodies [m/rad²]."""
+        bounds = self.bodies.speeds.accelerations(self.curve.between(self.edges))
+        return np.asarray(bounds[:, self.bodies.moving])
+
+    def prepare(self) -> None:
+        """Compute what retreats need, before a command is due."""
+        _ = self.accelerations, self._slow, self.ceiling
+
+    @cached_property
+    def _slow(self) -> FloatArray:
+        """The largest ṡ² (N, G) at which no point of the bodies is faster than `RETREAT_SPEED`."""
+        bodies = 2 * self.frames.travel / np.diff(self.edges)[:, None]
+        return np.asarray(np.square(RETREAT_SPEED / np.maximum(bodies, 1e-9)))
+
+    @cached_property
+    def coarse(self) -> GuardedPath:
+        """The same path in large cells, for estimates."""
+        return GuardedPath.along(self.bodies, self.curve, self.limits, _COARSE)
+
+    @cached_property
+    def fine(self) -> GuardedPath:
+        """The same path in cells that are not larger than those of paths that are driven."""
+        short = np.diff(self.edges).max() <= STEP * (1 + 1e-9)
+        return self if short else GuardedPath.along(self.bodies, self.curve, self.limits)
+
+    def slowed(self, speeds: FloatArray, step: float, hardest: float) -> GuardedPath:
+        """Return the same path with lower bounds (N,) of ṡ; what is known of contacts is shared.
+
+        Its cells were made with this step; |s̈| is no more than what joints, and `hardest`, allow at these speeds.
+        """
+        brakes = _brakes(self.curve.cells(step), self.limits.joints, speeds, self.smooth)
+        path = replace(self, squares=speeds * speeds, brakes=np.minimum(brakes, hardest))
+        path.__dict__["_contacts"] = self._contacts
+        return path
+
+    def motion_from(
+        self, s: float, square: float, push: float, tick: float, past: StopMotion | None = None
+    ) -> StopMotion:
+        """Return the motion of a tick [s] from (s, ṡ²) and its stop; s̈ is `push`, from −1 to 1, times the `brakes`.
+
+        Where the jerk is limited the plan goes on from its `past` along this path, and accelerates less than it brakes.
+        """
+        grid = self.edges, self.squares, self.brakes, self.ceiling
+        if self.limits.joints.jerk is None:
+            return StopMotion(*drive(*grid, s, square, push, tick))
+        past = self.past(s, float(np.sqrt(square))) if past is None else past
+        here, now = float(past.places[-1]), float(past.squares[-1])
+        push = min(push, push * (1 - BRAKING) / BRAKING)
+        cells, places, squares, times = drive(*grid, here, now, push, tick)
+        # In a corner the plan waits until the robot stands, and then for the next tick.
+        corner = np.abs(places[:, None] - self.edges[self.stops]).min(axis=1, initial=np.inf) < _SAME
+        waits = corner & (squares == 0.0)
+        waits[0] &= past.places[0] < here - _SAME
+        end = int(np.flatnonzero(waits)[0]) if waits.any() else len(cells)
+        return StopMotion(
+            np.append(self._cells_at(past.places), cells[:end]),
+            np.append(past.places, places[1 : end + 1]),
+            np.append(past.squares, squares[1 : end + 1]),
+            np.append(past.times, times[1 : end + 1]),
+            past.window,
+        )
+
+    def past(self, s: float, speed: float, push: float = 0.0) -> StopMotion:
+        """Return the plan of constant s̈, `push`, that has the robot at s with ṡ; |s̈| is 2 ṡ/w at most."""
+        window = averaging_window(self.limits.joints)
+        now = max(speed + push * window / 2, 0.0)
+        here = s + speed * window / 2 + push * window * window / 12
+        first = here - window * (now - push * window / 2)
+        inside = self.edges[(first < self.edges) & (self.edges < here)]
+        places = np.concatenate([[first], inside, [here]])
+        squares = np.maximum(now * now + 2 * push * (places - here), 0.0)
+        both = np.sqrt(squares) + now
+        times = np.divide(2 * (places - here), both, out=np.zeros(len(places)), where=both > 0)
+        times[0] = -window
+        return StopMotion(self._cells_at(places), places, squares, times, window)
+
+    def _cells_at(self, places: FloatArray) -> IntArray:
+        """Return the cells (W,) between places (W + 1,)."""
+        middles = (places[1:] + places[:-1]) / 2
+        return np.asarray(np.clip(np.searchsorted(self.edges, middles) - 1, 0, len(self.brakes) - 1))
+
+    def admits(self, speed: float, push: float = 0.0) -> bool:
+        """Return whether the robot may begin with ṡ and s̈; where the jerk is not limited s̈ is not asked."""
+        square, here, cells = speed * speed, 0.0, np.zeros(1, dtype=np.intp)
+        if self.limits.joints.jerk is not None:
+            past = self.past(0.0, speed, push)
+            square, here, cells = float(past.squares.max()), float(past.places[-1]), past.cells
+            low, high = -self.brakes[cells].min(), self.brakes[cells].min() * (1 - BRAKING) / BRAKING
+            if not low * (1 + _NEARLY) <= push <= high * (1 + _NEARLY):
+                return False
+        k = int(cells[-1])
+        most = self.ceiling[k + 1] + 2 * self.brakes[k] * (self.edges[k + 1] - here)
+        return bool(min(self.squares[cells].min(), most) >= square * (1 - _NEARLY))
+
+    def margin(
+        self, motion: StopMotion, around: Around, *, exact: bool = False, receding: BoolArray | None = None
+    ) -> MotionMargin:
+        """Return the smallest margin along a motion on this path; see `safe_ompl.live.kernels.gaps`.
+
+        An exact margin is right to 0.1 mm; else only its sign is, and a negative margin is the first one that is found.
+        Where contact is allowed, who bears it at the speed of the motion need not be kept from; nor need those from
+        whom a body is `receding: (G, M)`, no faster than `RETREAT_SPEED`.
+        """
+        sets, since, clearance, contact = around
+        if contact is not None and not exact:  # to look whether it matters costs less than what it allows
+            alone = self.margin(motion, around._replace(contact=None), receding=receding)
+            if alone.margin >= 0:
+                return alone
+        cells, times, fastest = motion.visits()
+        enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
+        arrays = self.frames, self.bodies.arrays, sets.arrays, clearance, enough, close, not exact
+        most = _NO_CONTACT if contact is None else self._borne(contact, cells)[0]
+        if receding is not None:
+            rows = np.unique(cells)  # the others are not read
+            known = most
+            most = np.empty((len(self.brakes), *receding.shape))
+            most[rows] = np.where(receding, self._slow[rows][:, :, None], -1.0)
+            if len(known):
+                bears = known.shape[2]
+                most[rows, :, :bears] = np.maximum(known[rows], most[rows, :, :bears])
+        borne = Borne(fastest, most)
+        margin, window, body, who = gaps(cells, since + times, borne, *arrays)
+        if body < 0:
+            return MotionMargin(np.inf)
+        rule = SEPARATION
+        if contact is not None and who < len(contact.bears) and contact.bears[who] > 0:
+            at = cells[window], body, who
+            most, free = self._borne(contact, cells)
+            rule = CLAMPING if most[at] < free[at] else CONTACT
+        return MotionMargin(float(margin), self.bodies.links[body], sets.names[who], rule)
+
+    @cached_property
+    def _contacts(self) -> dict[ContactLimits, tuple[FloatArray, FloatArray]]:
+        """What `_borne` knows; NaN in cells that it was not asked for."""
+        return {}
+
+    def _borne(self, contact: ContactLimits, at: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the largest ṡ² (N, G, M) at which contact is borne, and that if nobody is clamped, in cells (W,)."""
+        if contact not in self._contacts:
+            unknown = np.full((len(self.brakes), self.frames.travel.shape[1], len(contact.limbs)), np.nan)
+            self._contacts[contact] = unknown, unknown.copy()
+        most, free = self._contacts[contact]
+        new = np.unique(at[np.isnan(most[at, 0, 0])]) if most.size else at[:0]
+        if len(new):
+            sizes = self.edges[new + 1] - self.edges[new]
+            Q = self.curve.at(self.edges[new] + 0.5 * sizes)
+            bodies = 2 * self.frames.travel[new] / sizes[:, None]
+            most[new], free[new] = np.square(contact.speeds(Q, sizes, self.slopes[new], bodies))
+        return most, free
+
+    def pace(self, around: Around, tick: float) -> tuple[FloatArray, float]:
+        """Return how long (N,) each cell takes beside people as they are now, and for how long that holds [s].
+
+        In a cell that people need τ to reach, the robot is no faster than what stops within τ − T, if it begins to
+        brake within a tick [s], T after the measurement; a cell that allows less than a fiftieth of the full speed is
+        barred (inf). The times hold until somebody can be so near that a cell takes longer: 0 where that is so already.
+        Where contact is allowed, the robot is no slower than it is borne where nobody is clamped. This estimate
+        compares paths; what is driven is proven by `margin`.
+        """
+        times, left = self._cell_times(around, tick)
+        barred = np.isinf(times)
+        if not barred.any() or barred[_ENDS:-_ENDS].any() or self.fine is self:
+            return times, left
+        # A robot that stands near something leaves it in cells that are shorter than the distance.
+        fine = self.fine
+        sums = np.zeros(len(times))
+        inside = np.searchsorted(self.edges, 0.5 * (fine.edges[1:] + fine.edges[:-1])) - 1
+        np.add.at(sums, inside, fine._cell_times(around, tick)[0])
+        return np.where(barred, sums, times), left
+
+    def _cell_times(self, around: Around, tick: float) -> tuple[FloatArray, float]:
+        """Return what `pace` says, with the bounds of these cells alone."""
+        sets, since, clearance, contact = around
+        reaction = tick + since
+        full = np.sqrt(self.squares)
+        speeds, left = full, _AHEAD
+        if len(sets.names):
+            needed = reaction + full / self.brakes
+            longest = float(needed.max())
+            grown = sets.grown(longest) - sets.grown(0.0)
+            fastest = max(float(grown.max()) / longest, _SLOWEST)
+            far = fastest * (longest + _AHEAD)
+            arrays = self.frames, self.bodies.arrays, sets.arrays, clearance, far, _ROUGH
+            cells, no = np.arange(len(self.brakes)), np.zeros(len(self.brakes))
+            margins = cell_gaps(cells, Borne(no, _NO_CONTACT), *arrays)
+            left = max(0.0, float((margins / fastest - needed).min()))
+            speeds = self.brakes * (margins / fastest - reaction)
+            if contact is not None and (speeds < full).any() and contact.bears.any():
+                touched = contact.bears > 0
+                bodies = 2 * self.frames.travel.max(axis=1) / np.diff(self.edges)
+                shape = len(cells), self.frames.travel.shape[1], len(touched)
+                most = np.broadcast_to(np.where(touched, np.inf, -1.0), shape)
+                others = cell_gaps(cells, Borne(no, np.ascontiguousarray(most)), *arrays)
+                slow = contact.bears[touched].min() / np.maximum(bodies, 1e-9)
+                speeds = np.minimum(np.maximum(speeds, slow), self.brakes * (others / fastest - reaction))
+            speeds = np.minimum(full, speeds)
+        barred = speeds < _BARRED * full
+        return np.where(barred, np.inf, np.diff(self.edges) / np.where(barred, 1.0, speeds)), left
+
+    def from_to(self, first: float, last: float) -> GuardedPath:
+        """Return the path between two arc lengths; it begins at the start of the piece that holds the first one."""
+        begin = float(self.curve.times[self.curve.piece_at(np.array([first]))[0]])
+        a = int(np.searchsorted(self.edges, begin - _SAME))
+        b = max(int(np.searchsorted(self.edges, last - _SAME)), a + 1)
+        edges = np.append(self.edges[a:b], last) - begin
+        return replace(
+            self,
+            curve=self.curve.part(begin, last),
+            edges=edges,
+            squares=self.squares[a:b],
+            brakes=self.brakes[a:b],
+            stops=self.stops[(self.stops > a) & (self.stops < b)] - a,
+            slopes=self.slopes[a:b],
+            smooth=None,
+            frames=CellFrames(*(part[a:b] for part in self.frames)),
+        )
+
+    def then(self, other: GuardedPath) -> GuardedPath:
+        """Return this path and, after a stop at its end, another one that begins there."""
+        count = len(self.brakes)
+        return replace(
+            self,
+            curve=self.curve.then(other.curve),
+            edges=np.concatenate([self.edges, self.length + other.edges[1:]]),
+            squares=np.concatenate([self.squares, other.squares]),
+            brakes=np.concatenate([self.brakes, other.brakes]),
+            stops=np.concatenate([self.stops, [count], count + other.stops]).astype(np.intp),
+            slopes=np.concatenate([self.slopes, other.slopes]),
+            smooth=None,
+            frames=CellFrames(*map(np.concatenate, zip(self.frames, other.frames, strict=True))),
+        )
+
+
+def _brakes(cells: Cells, joints: RateLimits, speeds: FloatArray, smooth: SmoothLimits | None) -> FloatArray:
+    """Return bounds (N,) of |s̈| in cells, at ṡ of `speeds: (N,)`."""
+    if smooth is None:
+        return braking(cells, joints, speeds)
+    return np.asarray(np.minimum(braking(smooth.cells, joints, speeds), smooth.brakes))

@@ -1,0 +1,381 @@
+"""A robot that follows trajectories beside people: detours where the way is barred, and retreats from who is near.
+
+A retreat brings the robot no nearer to anyone who is too near for any other motion. Let a limb be in a set when it is
+measured, and u the unit vector along which a body of the robot, where a motion begins, is farthest from it. If the set
+is behind the plane across u through the foremost point of the body, and no point of the body gets behind that plane,
+the body *recedes*: it comes no nearer to the plane's other side, where the limb was, and the limb can be at the body no
+sooner than at the plane. That is the bound for a body that stands, too.
+
+A vertex of the body that is start ≥ 0 ahead of the foremost one, and end ≥ 0 after the motion, is in between never
+behind its chord by more than A x(l − x)/2 at an arc length x of l, with |a″| ≤ A. That is at least 0 all along if
+√start + √end ≥ √(A l²/2). The convex body recedes if all its vertices do. A body that only turns about the axis of the
+first joint never leaves the solid that it sweeps about that: along u, a vertex at a distance r from the axis comes no
+nearer than its place on the axis less r‖u⊥‖. It recedes from all who are behind a plane across u before that solid.
+
+What does not recede must be kept from as ever. A body that must recede is no faster than
+`RETREAT_SPEED`. People who run after it may touch it, as they may touch one that stands.
+
+A program is driven in legs: one replanner for each stretch, which takes over where the one before rests. On a tour
+places are visited in whichever order is soonest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+
+from safe_ompl.collision import MotionProver
+from safe_ompl.common import BoolArray, FloatArray, InputError
+from safe_ompl.live import ReachSets
+from safe_ompl.live.kernels import CellFrames, chords_ahead, separating_axes
+from safe_ompl.live.replanning.bodies import RobotBodies
+from safe_ompl.live.replanning.detours import Detours
+from safe_ompl.live.replanning.guard import Command, Doing, Guard
+from safe_ompl.live.replanning.guarded_path import GuardedPath, PathLimits, line
+from safe_ompl.live.replanning.stop_motion import StopMotion
+from safe_ompl.motions import SEPARATION, Trajectory, first_unproven
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+
+_PUSHES = (1.0, 0.2, 0.0, -1.0)  # accelerations that are tried in retreats, from full acceleration to full braking
+_CRAWL = 0.3  # [rad/s] a robot that is slower tries whether a retreat gets
+_FARTHER = 2.0  # so many times as far
+_SAME = 1e-6  # [rad] places nearer than this are one
+# Who may be at the robot so soon [s] is retreated from; if that fails only from the nearest.
+_SOON = (0.2, 0.12)
+_LENGTHS = (0.6, 0.3, 0.15)  # [rad] of retreats that are tried
+_NUDGE = 1e-4  # [rad]
+_STILL = 3  # so many of the first joints may stay still: links near the base cannot get away
+_ROUNDS = 40  # of the search for a direction
+_FAR = 0.35  # [m] who is farther away need not be looked at
+_LEAST = 0.02  # [m/rad] distances must grow by this at least
+
+
+class Replanner(Guard):
+    """Drives a robot along trajectories beside people and things that move.
+
+    What is executed is always proven: the motion until the next tick and the stop on the path after it touch nobody
+    who keeps to the reach model; or, where contact is allowed, only at speeds of the robot's own that the limb bears
+    (`safe_ompl.motions.contact`). At every tick the robot takes the fastest motion that is proven so against the
+    newest measurement. If there is none, or only slow ones, it retreats from who is near: that brings no body nearer to
+    them, but who runs after it may touch it. Or it follows the stop of the tick before: its proof still holds, because
+    it covers all that people may do until the robot stands. It goes on as soon as a motion is proven again.
+
+    Parameters are those of `Guard`. Trajectories and detours keep the limits of the prover. Where the
+    trajectory's limits have a jerk all that is driven keeps to it, stops and detours, too.
+    """
+
+    detours: Detours | None = None  # None before the first trajectory, and if they are not searched
+    _path: GuardedPath | None = None
+    _others: tuple[FloatArray, ...] = ()  # goals that would do as well
+    _detour: tuple[GuardedPath, float] | None = None  # and where on the path it begins
+    _retreat: GuardedPath | None = None  # from where the robot stands
+    _retreats: Retreats | None = None
+
+    def start(self, trajectory: Trajectory, others: Sequence[FloatArray] = ()) -> None:
+        """Take a trajectory to follow, from where the robot stands; detours may lead to `others`, goals (n,), instead.
+
+        Its curve is proven anew against all still obstacles. Its limits and caps are kept, except those by people; its
+        time law is not: the robot is as fast as limits and people let it. Raises InputError if the robot moves, or
+        stands elsewhere; if the trajectory is of other joints, or not free; if it has a cap that is proven on its own
+        curve only, such as of danger.
+        """
+        if trajectory.joint_names != self.robot.joint_names:
+            raise InputError(
+                f"the trajectory is of the joints {trajectory.joint_names}, the robot's are {self.robot.joint_names}"
+            )
+        path = GuardedPath.along(self.bodies, trajectory.curve, PathLimits.of(trajectory))
+        last = self._last
+        if last is not None:
+            if last.doing not in (Doing.DONE, Doing.STANDING):
+                raise InputError("the robot still moves: start when it stands or is done")
+            away = self.robot.difference(last.at(np.inf).q, path.curve.places(np.zeros(1)).q[0])
+            if np.abs(away).max() > _SAME:
+                raise InputError(f"the trajectory begins {np.abs(away).max():.3g} rad from where the robot stands")
+        blocked = first_unproven(trajectory.curve, self.prover)
+        if blocked is not None:
+            begin = trajectory.curve.knots[blocked].round(3).tolist()
+            raise InputError(f"piece {blocked} of the trajectory, from {begin} on, is not free of what stands still")
+        self._path, self._last, self._detour, self._retreat, self._others = path, None, None, None, tuple(others)
+        retreats = self.options.retreats and not self.prover.separation.tube
+        joints = self.robot.joint_names if self.options.joints is None else self.options.joints
+        movable = np.isin(self.robot.joint_names, joints)
+        self._retreats = Retreats(self.prover, self.bodies, path.limits, movable) if retreats else None
+        if self.options.detours:
+            if self.detours is None or not path.limits.same_as(self.detours.limits):
+                self.detours = Detours(self.prover, self.bodies, path.limits, self.tick, movable)
+            self.detours.cover(trajectory.curve)
+
+    def soonest(self, trajectories: Sequence[Trajectory]) -> int:
+        """Return the number of the trajectory, from where the robot stands, that is expected to end first.
+
+        That is the shortest one where nobody was seen yet, or no detours are searched.
+        """
+        if self.detours is None or not self.surroundings.known:
+            return int(np.argmin([trajectory.duration for trajectory in trajectories]))
+        around = self._around(self.surroundings.time)
+        paths = (GuardedPath.along(self.bodies, one.curve, PathLimits.of(one)) for one in trajectories)
+        return int(np.argmin([path.coarse.pace(around, self.tick)[0].sum() for path in paths]))
+
+    def resume(self, command: Command | None) -> None:
+        """Go on where the robot stands: at the stop of a command of this replanner; None: where it began."""
+        self._last, self._detour, self._retreat = command, None, None
+        if command is not None:
+            self._path = command.path
+
+    def command(self, time: float) -> Command:
+        """Return what the robot does from a time [s] on, which is not before the last command or measurement."""
+        path = self._path
+        if path is None:
+            raise InputError("start a trajectory first")
+        s, speed = self._place(time)
+        found = None
+        if self._detour is not None:
+            way, begin = self._detour
+            past = self._past
+            if past is not None:
+                self._past = past._replace(places=past.places - begin)
+            found = self._next(way, max(s - begin, 0.0), speed, time)
+            self._detour, self._past = None, past
+        if found is None:
+            found = self._next(path, s, speed, time)
+        if self._retreats is not None:
+            found = self._retreating(found, path, s, speed, time)
+        self._retreat = None
+        if found is None:
+            found = self._kept(path, s, speed, time)
+        self._path = found.path
+        return self._given(found, time)
+
+    def think(self, units: int = 60) -> bool:
+        """Search a detour if the path ahead is barred or slow; return whether the next command has one to take.
+
+        Call it after `command`, in the time that is left until the next one, which takes the detour if that is proven.
+        So many units of work may be done: an estimate for an edge is 1, a proof of one 8. What was learnt is kept.
+        """
+        command = self._last
+        if command is None or not self.surroundings.known or command.doing is Doing.DONE:
+            return False
+        now = max(command.time, self.surroundings.time)
+        around = self._around(now)
+        if self.detours is not None:
+            self._detour = self.detours.search(command, around, now, units, self._others)
+        if self._detour is None and self._retreats is not None and command.doing is Doing.STANDING:
+            at = float(command.motion.places[-1])
+            self._retreat = self._retreats.search(command.path, at, around.sets)
+        for way in (self._path, self._retreat):
+            if way is not None and self._retreats is not None:
+                way.prepare()
+        return self._detour is not None
+
+    def _retreating(
+        self, found: Command | None, path: GuardedPath, s: float, speed: float, time: float
+    ) -> Command | None:
+        """Return a retreat if it gets much farther than what was found, or goes on; else what was found."""
+        if found is not None and (found.path is not path or found.doing in (Doing.MOVING, Doing.DONE)):
+            return found
+        last = self._last
+        gets = 0.0 if found is None else found.motion.at(self.tick)[0] - s
+        if last is None or last.doing is not Doing.RETREATING:
+            if max(speed * self.tick, gets) > _CRAWL * self.tick:
+                return found
+            gets *= _FARTHER
+        away = self._recede(path, s, speed, time)
+        if away is not None:
+            return away if away.motion.at(self.tick)[0] - s > gets else found
+        if found is None and self._retreat is not None and speed == 0:
+            return self._recede(self._retreat, 0.0, 0.0, time)
+        return found
+
+    def _recede(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+        """Return the fastest motion from (s, ṡ) that recedes from all who are near. None if none is."""
+        if self.surroundings.trouble(time, self.options.lost_after) is not None:
+            return None
+        around = self._around(time)
+        receding = Receding(path, s, around.sets)
+        for push in _PUSHES:
+            motion = path.motion_from(s, speed * speed, push, self.tick, self._past)
+            if motion.places[-1] - s < _SAME:
+                continue
+            margin = path.margin(motion, around, receding=receding.along(motion))
+            if margin.margin >= 0:
+                why = margin, self._margin.description, SEPARATION
+                return Command(time, self.surroundings.time, path, motion, Doing.RETREATING, *why)
+        return None
+
+
+class Receding:
+    """Which bodies (G,) recede from which of M limbs along motions that begin at s of a path."""
+
+    def __init__(self, path: GuardedPath, s: float, sets: ReachSets) -> None:
+        self._path, self._s, self._sets = path, s, sets
+        frames = path.bodies.frames(path.curve.places(np.array([s])).q)
+        self._axes, self._apart = _ahead(path.bodies, frames, sets)
+        self._always = np.zeros((len(path.bodies.links), len(sets.names)), dtype=bool)
+        for g in np.flatnonzero(path.bodies.turning).tolist():
+            near = np.flatnonzero((self._apart[g] > 0.0) & (self._apart[g] < np.inf))
+            lost = path.bodies.swept(g, frames, self._axes[g, near])
+            self._always[g, near[self._apart[g, near] > lost]] = True
+
+    def along(self, motion: StopMotion) -> BoolArray:
+        """Return which (G, M) do along a motion; where it goes through a corner only those that always do."""
+        path, last = self._path, float(motion.places[-1])
+        found, corners = self._always.copy(), path.edges[path.stops]
+        if not len(motion.cells) or ((self._s < corners) & (corners < last)).any():
+            return found
+        frames = path.bodies.frames(path.curve.places(np.array([self._s, last])).q)
+        bends = path.accelerations[motion.cells].max(axis=0) * (last - self._s) ** 2 / 2
+        body, which = np.nonzero(chords_ahead(path.bodies.arrays, frames, self._axes, self._apart, bends))
+        found[body, which] = True
+        return found
+
+
+def _ahead(bodies: RobotBodies, frames: CellFrames, sets: ReachSets) -> tuple[FloatArray, FloatArray]:
+    """Return directions (G, S, 3) from sets to bodies, and how far (G, S) apart they are along these [m], at least.
+
+    The sets are those of the measurement, the frames the first ones. Distances above `_FAR` are infinite.
+    """
+    axes, apart = separating_axes(bodies.arrays, frames, sets.arrays, _FAR)
+    return axes, apart - bodies.arrays.pads[:, None] - sets.radii - sets.grown(0.0)
+
+
+class Retreats:
+    """Searches motions of `movable: (n,)` joints that recede from people, free of what stands still."""
+
+    def __init__(
+        self, prover: MotionProver, bodies: RobotBodies, limits: PathLimits, movable: BoolArray | bool = True
+    ) -> None:
+        self._prover, self._bodies, self._limits, self._movable = prover, bodies, limits, movable
+
+    def search(self, path: GuardedPath, s: float, sets: ReachSets) -> GuardedPath | None:
+        """Return a motion away from all who are near a robot that stands at s of a path, back, and on; or None."""
+        q = path.curve.places(np.array([s])).q[0]
+        end = self._away(q, sets)
+        if end is None:
+            return None
+        out, back, rest = (
+            GuardedPath.along(self._bodies, curve, self._limits)
+            for curve in (line(q, end), line(end, q), path.curve.part(s, path.length))
+        )
+        return out.then(back).then(rest)
+
+    def _away(self, q: FloatArray, sets: ReachSets) -> FloatArray | None:
+        """Return the end of a free motion away from all who are near; None if nobody is, or none is found."""
+        n, robot, bodies = len(q), self._prover.checker.robot, self._bodies
+        frames = bodies.frames(np.vstack([q, q + _NUDGE * np.eye(n)]))
+        axes, apart = _ahead(bodies, frames, sets)
+        after = [sets.grown(soon) - sets.grown(0.0) for soon in _SOON]
+        pairs = np.argwhere((apart > 0.0) & (apart < np.max(after, axis=0)))
+        near = [(g, pairs[pairs[:, 0] == g, 1]) for g in np.unique(pairs[:, 0]).tolist()]
+        least = [(bodies.vertices(g, frames) @ axes[g, limbs].T).min(axis=1) for g, limbs in near]
+        rates = np.concatenate([np.zeros((0, n)), *((each[1:] - each[0]).T / _NUDGE for each in least)])
+        for grown, still in product(after, range(min(n, _STILL + 1))):
+            some = rates[apart[tuple(pairs.T)] < grown[pairs[:, 1]]] * (self._movable & (np.arange(n) >= still))
+            some = some[some.any(axis=1)]
+            way = _away_from_all(some)
+            if not len(some) or (some @ way).min() < _LEAST:
+                continue
+            for length in _LENGTHS:
+                end = q + length * way
+                if robot.within_limits(end).all() and self._prover.is_free(q, end):
+                    return np.asarray(end)
+        return None
+
+
+def _away_from_all(rates: FloatArray) -> FloatArray:
+    """Return a direction (n,) in which the least of the rates (P, n) is as large as a few rounds make it."""
+    units = rates / np.maximum(np.linalg.norm(rates, axis=1), 1e-9)[:, None]
+    way = units.sum(axis=0)
+    best, most = way, -np.inf
+    for _ in range(_ROUNDS if len(rates) else 0):
+        unit = way / max(float(np.linalg.norm(way)), 1e-9)
+        worst = int((rates @ unit).argmin())
+        if rates[worst] @ unit > most:
+            best, most = unit, float(rates[worst] @ unit)
+        way = way + units[worst]
+    return np.asarray(best)
+
+
+@dataclass(frozen=True)
+class Leg:
+    """What is driven without a change of robot or scene; then the robot rests for a pause [s].
+
+    Without a trajectory it only rests, and the replanner is the one of the leg before. A leg that must stay on its
+    curve has a replanner without detours and retreats.
+    """
+
+    replanner: Replanner
+    trajectory: Trajectory | None
+    robot: Robot  # with what it holds
+    scene: Scene  # the obstacles, and which links may touch them
+    step: int = 0  # of the program
+    pause: float = 0.0
+
+
+class Legs:
+    """Legs in their order, each driven once; raises InputError if there is none, or a trajectory is not free."""
+
+    def __init__(self, legs: Sequence[Leg]) -> None:
+        if not legs or legs[0].trajectory is None:
+            raise InputError("there is nothing to drive", "legs")
+        self.legs, self.done = tuple(legs), 0
+        self._rests_since: float | None = None
+        for leg in self.legs:
+            if leg.trajectory is not None:
+                leg.replanner.start(leg.trajectory)
+
+    @property
+    def current(self) -> Leg:
+        """The leg that is driven now, or was last."""
+        return self.legs[min(self.done, len(self.legs) - 1)]
+
+    @property
+    def finished(self) -> bool:
+        """Whether all are done."""
+        return self.done == len(self.legs)
+
+    def go_on(self, now: float) -> None:
+        """Begin the next leg, if the robot, which stands at the end of this one, has rested as long as it must."""
+        leg = self.current
+        self._rests_since = now if self._rests_since is None else self._rests_since
+        if self.finished or now < self._rests_since + leg.pause:
+            return
+        self.done += 1
+        self._rests_since = None
+        if self.current.replanner is not leg.replanner:
+            self.current.replanner.surroundings.take_over(leg.replanner.surroundings)
+
+
+class Tour:
+    """Places that a robot visits in any order, each once in a round: next the one where it is expected to be soonest.
+
+    `ways` has a trajectory from each of the K ≥ 2 places to each other one, by their numbers; it begins at place 0.
+    """
+
+    def __init__(self, ways: Mapping[tuple[int, int], Trajectory]) -> None:
+        self.ways = ways
+        begins = {i: way.curve.places(np.zeros(1)).q[0] for (i, _), way in ways.items()}
+        self.places: FloatArray = np.array([begins[k] for k in sorted(begins)])
+        self._left: set[int] = set()  # of this round
+
+    @classmethod
+    def between(
+        cls, places: Sequence[FloatArray], to_and_fro: Callable[[FloatArray, FloatArray], Sequence[Trajectory]]
+    ) -> Tour:
+        """Return the tour of some places, each (n,); the function returns the ways between two of them."""
+        ways: dict[tuple[int, int], Trajectory] = {}
+        for i, k in combinations(range(len(places)), 2):
+            ways[i, k], ways[k, i] = to_and_fro(places[i], places[k])
+        return cls(ways)
+
+    def start(self, replanner: Replanner, q: FloatArray) -> None:
+        """Start for one of the places that are left, from the one at `q: (n,)`; detours may lead to another of them."""
+        here = int(np.abs(self.places - q).max(axis=1).argmin())
+        self._left = self._left - {here} or {*range(len(self.places))} - {here}
+        order = sorted(self._left)
+        ways = [self.ways[here, k] for k in order]
+        first = replanner.soonest(ways)
+        replanner.start(ways[first], [self.places[k] for k in order if k != order[first]])

@@ -1,0 +1,336 @@
+"""The shield: whatever proposes motions, what is driven is proven at every tick, with its stop on the proposed path.
+
+A proposal becomes a curve q(s) whose parameter s is the proposed time. It begins in the robot's present position and
+velocity, q(0) = q and q′(0)·ṡ = q̇: positions are joined by the cubic spline through them, with continuous
+accelerations; a velocity is approached, held and left with half of the joints' accelerations. The robot follows the
+curve with ṡ ≤ 1: never faster than proposed, and at ṡ = 1 in the proposed timing.
+
+What is executed is always the motion until the next tick and a stop on the same curve, both proven:
+
+* The curve is proven free of what stands still piece by piece (`MotionProver.check_curve`), in a window that holds
+  every stop, and it is cut where the proof ends. ṡ is 0 there, so that no motion leaves what is proven.
+* In each cell of the curve |q′|b + |q″|ṡ² is within the accelerations, with b the braking along the curve. ṡ is below
+  1 where else less than the window would be left for a stop: accelerations that are too large cost time, not proof.
+* Motion and stop are held against everybody who moves as in the `Replanner`, by the same code.
+
+If a proposal cannot be used, or no motion on it is proven, the robot follows the stop of the command before. Its proof
+covers all that people may do until the robot stands, and does not depend on the proposal.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.collision import MotionVerdict, Verdict
+from safe_ompl.common import InputError, SafeOmplError, finite_array
+from safe_ompl.live import ReachSets
+from safe_ompl.live.replanning.guard import Command, Doing, Guard
+from safe_ompl.live.replanning.guarded_path import Around, GuardedPath, PathLimits
+from safe_ompl.live.replanning.proposals import HARDEST, Piece, Positions, Velocity, curve_of, least_brake, proposed_cap
+from safe_ompl.live.replanning.stop_motion import averaging_window
+from safe_ompl.motions import Motion, RateLimits, State
+
+_log = logging.getLogger(__name__)
+
+_CELL = 0.02  # [s] largest cell of a curve
+_FASTER = 0.1  # by which ṡ may grow in a tick where people make the robot slow
+_CUTS = 4  # halvings of a piece that is not proven
+_SAME = 1e-6  # [s]
+_JOINED = 1e-6  # [rad or m]
+_OVER = 0.2  # [s] that going over to the beginning of a motion takes at least
+_NOTHING = "nothing was proposed"
+
+
+@dataclass(frozen=True)
+class ShieldCommand(Command):
+    """A `Command`, and what the shield changed of the proposal; `reason` says why."""
+
+    follows: bool = True  # The newest proposal. If not it is the rest of an earlier stop, or the robot stands
+    delay: float = 0.0  # How far it will be behind the timing of the newest proposal when the tick is over [s]
+
+
+class Shield(Guard):
+    """Lets a robot follow what a policy, a teleoperator or another planner proposes, as far as that is proven.
+
+    At every tick: `update` with what sensors saw, one of `propose`, `propose_velocity` and `propose_twist`, and
+    `command`. The robot stays on the proposed path and is as near to the proposed timing as limits and proofs allow.
+    Without a new proposal it goes on with the last one. Without a new command it ends in the stop of the last one.
+
+    Parameters are those of `Guard`.
+    """
+
+    _rest: GuardedPath | None = None
+    _proposal: Positions | Velocity | None = None
+    _refused = _NOTHING
+    _way: _Way | None = None  # that the last command follows
+    # When the newest proposal began [s], unknown until its first command, and where in it the robot joins.
+    _clock = _begin = np.nan
+
+    @cached_property
+    def limits(self) -> PathLimits:
+        """Limits of joints, tool and links."""
+        given = self.options.limits
+        return PathLimits(RateLimits.of(self.robot)) if given is None else given
+
+    @cached_property
+    def _window(self) -> float:
+        """How much of a proposal is proven at a time [s]: a tick and the longest stop."""
+        joints = self.limits.joints
+        return self.tick + averaging_window(joints) + 0.5 / least_brake(joints) + 2 * _CELL
+
+    # ----------------------------------------------------------------------------------------------- what is called
+
+    def start(self, q: ArrayLike) -> None:
+        """Take where the robot stands (n,) [rad or m], within the joint limits; what was proposed is forgotten."""
+        last = self._last
+        if last is not None and last.doing not in (Doing.DONE, Doing.STANDING):
+            raise InputError("the robot still moves: start when it stands or is done")
+        here = self.robot.configuration(q)
+        if (beyond := self.robot.beyond_limits(here)) is not None:
+            raise InputError(beyond, "start")
+        still = np.zeros(self.robot.n)
+        piece = Piece(here, still, still, still, 1.0)
+        self._rest = rest = self._path(curve_of([piece]))
+        # The first proof makes and loads what all need: here, and not within the first tick.
+        self.prover.proven_by_bounds(piece.powers[None])
+        self.prover.check_curve(piece.powers)
+        rest.margin(rest.motion_from(0.0, 0.0, -1.0, self.tick), Around(ReachSets.none()))
+        self._last, self._way = None, None
+        self._proposal, self._refused = None, _NOTHING
+
+    def propose(self, motion: Any, rate: float | None = None, start: float | None = None) -> bool:
+        """Propose a chunk of positions, or a spline; return whether it can be used.
+
+        If not, the robot follows its stop, and the next commands and the log say why. The chunk must not jump: no joint
+        may need more than twice its velocity limit from one position to the next. A robot that moves in another
+        direction than the chunk, and cannot turn soon enough, passes over the next two positions.
+
+        Parameters
+        ----------
+        motion : array_like of shape (K, n), Motion, or what `Motion.of` takes
+            A chunk of positions [rad or m], position k at k / rate; or a spline in time, of which the positions at its
+            knots are taken, and between them at every 0.05 s. Of positions denser than 0.01 s some are left out.
+        rate : float, optional
+            Of the chunk [Hz]; without it `motion` must be a motion in time.
+        start : float, optional
+            When it begins [s]; what is past by the next command is left out, and until it begins the robot goes to its
+            first position. Default: with the next command.
+        """
+        return self._take(lambda: Positions.of(motion, rate, start, self.robot, self.limits.joints))
+
+    def follow(self, motion: Motion, since: float = 0.0, within: float = _SAME) -> float:
+        """Drive a whole motion on its own curve, from a time `since` of it [s] on; return where on it that begins [s].
+
+        Call it after `start`. All of it is proven among what stands still here, and not in the ticks. Where people are
+        in the way the robot stops on it, and goes on as soon as it may. It stops where velocities jump; a motion of
+        lines is driven along the spline through its positions (see `propose`). A robot that stands elsewhere goes over
+        first, if no joint is farther than `within` [rad or m]. Raises InputError if one is, if a command was given
+        already, or if the motion is not free: what is in its way, and when.
+        """
+        if self._rest is None or self._last is not None:
+            raise InputError("start where the robot stands first")
+        proposal = Positions.of(motion, None, None, self.robot, self.limits.joints)
+        curve = proposal.own_curve(motion)
+        curve = curve.part(since, curve.length) if since > 0 else curve
+        stands = self._rest.curve.knots[0]
+        away = self.robot.difference(stands, curve.knots[0])
+        farthest = int(np.abs(away).argmax())
+        if abs(away[farthest]) > within:
+            where = f"{abs(away[farthest]):.3g} from where {self.robot.joint_names[farthest]!r} stands"
+            raise InputError(f"begins {where}, and {within:.3g} is allowed", "motion")
+        begin = since
+        if abs(away[farthest]) > _JOINED:
+            begin -= _OVER
+            first = Piece(stands, 0 * away, 6 * away / _OVER**2, -12 * away / _OVER**3, _OVER)
+            curve = curve_of([first]).then(curve)
+        for k, piece in enumerate(curve.coefficients):
+            verdict = self.prover.check_curve(piece)
+            if verdict.verdict is not Verdict.FREE:
+                at = begin + np.interp(verdict.at or 0.0, [0.0, 1.0], curve.times[k : k + 2])
+                raise InputError(_blocked(verdict, f"at {at:.2f} s"))
+        path = self._path(curve)
+        _ = path.ceiling  # here, and not within the first tick
+        self._proposal, self._refused, self._clock = proposal, "", np.nan
+        self._way = _Way(proposal, path, begin, whole=True, blocked="")
+        return begin
+
+    def propose_velocity(self, velocity: ArrayLike) -> bool:
+        """Propose a velocity of the joints (n,) [rad/s or m/s], held until the next tick; returns as `propose`.
+
+        Joints approach it with half of their accelerations. If no other proposal comes the robot stops.
+        """
+        return self._take(partial(self._velocity, velocity, of_tip=False))
+
+    def propose_twist(self, twist: ArrayLike) -> bool:
+        """Propose a twist of the tip (6,), linear [m/s], angular [rad/s], in world-aligned axes; as `propose_velocity`.
+
+        The joints get q̇ = Jᵀ(JJᵀ + λ²)⁻¹v with λ = 0.05: near a singularity the tip is slower than v, and q̇ stays
+        below ‖v‖/2λ. Where a joint would be too fast the robot is slower in the same direction.
+        """
+        return self._take(partial(self._velocity, twist, of_tip=True))
+
+    def command(self, time: float) -> ShieldCommand:
+        """Return what the robot does from a time [s] on, which is not before the last command or measurement."""
+        if self._rest is None:
+            raise InputError("start where the robot stands first")
+        last = self._last
+        s, speed = self._place(time)
+        path = self._rest if last is None else last.path
+        found, why, progress = None, self._refused, 0.0
+        if self._proposal is not None:
+            way, s0, speed0, why = self._next_way(time, s, speed)
+            progress = self._begin
+            if way is not None:
+                found = self._next(way.path, s0, speed0, time)
+                if found is not None:
+                    self._way = way
+                    progress = way.begin + found.motion.at(self.tick)[0]
+                    found = _explained(found, way, s0, self.tick)
+        follows = found is not None
+        if found is None:
+            found = self._kept(path, s, speed, time)
+            found = replace(found, reason=why) if why else found
+        delay = 0.0
+        if not follows and isinstance(self._proposal, Velocity):  # whoever gives velocities gives a new one
+            self._proposal, self._refused = None, "no new velocity was proposed"
+        if self._proposal is not None:
+            delay = max(0.0, min(time + self.tick - self._clock, self._proposal.duration) - progress)
+        return self._given(ShieldCommand(**vars(found), follows=follows, delay=delay), time)
+
+    def log_tick(self) -> dict[str, Any]:
+        """Return what `Guard.log_tick` says, and whether the command follows the newest proposal, how far behind."""
+        found, last = super().log_tick(), self._last
+        assert isinstance(last, ShieldCommand)
+        return {**found, "follows": last.follows, "delay": last.delay}
+
+    def _slower(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+        """Return what `Guard` does of the path with ṡ bounded near to what it is, or of full acceleration on it.
+
+        Bends then take less of the accelerations, so that the stop is shorter.
+        """
+        fast = speed if self._past is None else max(speed, float(np.sqrt(self._past.squares.max())))
+        slow = path.slowed(np.minimum(np.sqrt(path.squares), fast + _FASTER), _CELL, HARDEST)
+        fastest = self._proven(slow, s, speed, 1.0, time, self._margin)
+        return super()._slower(slow, s, speed, time) if fastest is None else fastest
+
+    # ------------------------------------------------------------------------------------------------------- ways
+
+    def _take(self, make: Callable[[], Positions | Velocity]) -> bool:
+        """Keep a proposal as the newest one, or the reason why it is none."""
+        before, self._proposal, self._clock = self._refused, None, np.nan
+        try:
+            self._proposal, self._refused = make(), ""
+        except SafeOmplError as error:
+            self._refused = str(error)
+            if before in ("", _NOTHING):  # not at every tick
+                _log.warning("the proposal is refused: %s", error)
+        return self._proposal is not None
+
+    def _velocity(self, given: ArrayLike, of_tip: bool) -> Velocity:
+        shape, what = ((6,), "twist") if of_tip else ((self.robot.n,), "velocity")
+        return Velocity(self.robot, self.limits.joints, finite_array(given, shape, what), self.tick, of_tip)
+
+    def _next_way(self, time: float, s: float, speed: float) -> tuple[_Way | None, float, float, str]:
+        """Return on which way the robot goes on, from which s and ṡ on; if there is none, why."""
+        proposal, way, last = self._proposal, self._way, self._last
+        assert proposal is not None
+        assert self._rest is not None
+        if np.isnan(self._clock):
+            self._clock = time if proposal.start is None else proposal.start
+            self._begin = time - self._clock
+        begin = self._begin
+        if way is not None and way.proposal is proposal:
+            if way.whole or way.blocked or s + self._window <= way.path.length:
+                return way, s, speed, ""
+            begin = way.begin + s
+        else:
+            way = None
+        q = self._rest.curve.knots[0]
+        state = State(q, np.zeros_like(q), np.zeros_like(q)) if last is None else last.at(time)
+        why = "its joints would have to accelerate too much to join it"
+        try:
+            for pieces, pace, push in proposal.curves(begin, state, self._window):
+                joined, blocked = self._joined(proposal, pieces, begin, pace, push)
+                if joined is not None:
+                    self._past = joined.path.past(0.0, pace, push) if self.limits.joints.jerk is not None else None
+                    return joined, 0.0, pace, ""
+                why = blocked or why
+        except InputError as error:
+            why = str(error)
+        return way, s, speed, why
+
+    def _joined(
+        self, proposal: Positions | Velocity, pieces: list[Piece], begin: float, pace: float, push: float
+    ) -> tuple[_Way | None, str]:
+        """Return the way along pieces as far as they are proven; none if the robot cannot join it, and perhaps why."""
+        ends = np.cumsum([piece.length for piece in pieces])
+        length = float(ends[-1]) if isinstance(proposal, Velocity) else min(float(ends[-1]), self._window)
+        whole = begin + length >= proposal.duration - _SAME or isinstance(proposal, Velocity)
+        kept = zip(pieces, ends.tolist(), strict=True)
+        cut = [piece._replace(length=piece.length - max(0.0, end - length)) for piece, end in kept]
+        cut = [piece for piece in cut if piece.length > 0]
+        free = self.prover.proven_by_bounds(np.array([piece.powers for piece in cut])).tolist()
+        proven: list[Piece] = []
+        blocked = ""
+        for piece, end, known in zip(cut, ends.tolist(), free, strict=False):
+            if known:
+                proven.append(piece)
+                continue
+            for _ in range(1 + _CUTS):
+                verdict = self.prover.check_curve(piece.powers)
+                if verdict.verdict is Verdict.FREE:
+                    proven.append(piece)
+                    break
+                blocked = blocked or _blocked(verdict, f"before {begin + end:.2f} s")
+                piece = piece._replace(length=0.5 * piece.length)
+            if blocked:
+                break
+        if not proven:
+            return None, blocked
+        path = self._path(curve_of(proven))
+        if not path.admits(pace, push):
+            return None, ""
+        return _Way(proposal, path, begin, whole and not blocked, blocked), ""
+
+    def _path(self, curve: Motion) -> GuardedPath:
+        path = GuardedPath.along(self.bodies, curve, self.limits, _CELL, proposed_cap)
+        return replace(path, brakes=np.minimum(path.brakes, HARDEST))
+
+
+class _Way(NamedTuple):
+    """A path along a proposal."""
+
+    proposal: Positions | Velocity
+    path: GuardedPath
+    begin: float  # where in the proposal it begins [s]
+    whole: bool  # whether it reaches the end of the proposal
+    blocked: str  # what stands still in its way, if anything
+
+
+def _explained(command: Command, way: _Way, s: float, tick: float) -> Command:
+    """Return a command on a way with the reason why it is slower than proposed, if nobody who moves is that."""
+    if command.reason:
+        return command
+    if command.doing is Doing.DONE:
+        return replace(command, doing=Doing.STANDING, reason=way.blocked) if way.blocked else command
+    if way.blocked and command.motion.places[-1] >= way.path.length - _SAME:
+        return replace(command, doing=Doing.SLOWED, reason=way.blocked)
+    in_time = min(s + tick, way.path.length) if way.whole else s + tick
+    if command.motion.at(tick)[0] < in_time - _SAME:
+        why = "limits of the joints, or the stop at the end of the proposal"
+        return replace(command, doing=Doing.SLOWED, reason=why)
+    return command
+
+
+def _blocked(verdict: MotionVerdict, when: str) -> str:
+    """Say what stands still in the way."""
+    first, second = verdict.pair or ("nothing", "proven free")
+    what = f"joint {first!r} leaves its limits" if second == "its limits" else f"{first} and {second}"
+    return f"not free of what stands still {when}: {what}"

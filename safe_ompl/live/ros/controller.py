@@ -1,0 +1,412 @@
+"""A robot that is driven to goals beside people, as a node of ROS drives it, without ROS: arrays in, commands out.
+
+What is commanded is proven as `Replanner` says: every command ends in a stop. To stop, nothing more is commanded. The
+controller stops so
+
+* if joint states are missing, or the robot is not where it was told to be;
+* if its own answer comes too late to be followed;
+* if people are seen whom nobody tracks, or the cloud has points where it had none when the path was proven;
+* if the clock jumps.
+
+It plans anew from where the robot stands, as soon as nothing of this holds any more. People and objects that are not
+seen, or move farther than promised, the replanner stops for by itself. Behind a shield it is the same with proposals in
+the place of goals. A program goes on where it stopped, from where the robot should stand then.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, Section, UnknownNameError, key, number
+from safe_ompl.geometry import Obstacle, Pose
+from safe_ompl.live import Tracker
+from safe_ompl.live.replanning import Command, Doing, Legs, Replanner, ReplanningOptions, Shield, stop_as_dict
+from safe_ompl.live.ros.messages import by_name, goal_of
+from safe_ompl.live.ros.sightings import CloudView, Joints, Sightings
+from safe_ompl.motions import Motion, State
+from safe_ompl.robot import Robot
+
+_log = logging.getLogger(__name__)
+
+_HISTORY = 100  # commands that are kept, to compare measured joints with
+_JOINTS_LATE = 0.3  # [s] without joint states for so long, the robot is stopped
+_RESTING = 0.01  # [rad/s] joints that are slower stand still
+_LAGS = 5  # times within a lag at which a robot is compared with what it was told
+_ARRIVED = "at the goal"
+_SAME = 1e-6  # [rad or m] a goal that is nearer is reached
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A robot and what is around it."""
+
+    robot: Robot
+    trackers: Mapping[str, Tracker]  # People
+    objects: Mapping[str, float]  # Obstacles that move, and bounds of their speeds [m/s]
+    # Of start (n,) and goal, and the cloud: a replanner that has started; a SafeOmplError says why there is no way.
+    # Shields and programs have no goal: they begin at the start.
+    plan: Callable[[FloatArray, Any, Obstacle | None], Replanner | Shield | Legs]
+    shielded: bool = False  # Whether proposals are followed, and not goals
+    program: bool = False  # Whether a program is driven
+    moving: Mapping[str, Any] = field(default_factory=dict)  # Who and what moves, as the header of ticks has it
+
+
+@dataclass(frozen=True)
+class ControlOptions(Section):
+    """When a robot is told what, and when it is stopped; raises InputError if a value is out of its range."""
+
+    replanning: ReplanningOptions = field(default_factory=ReplanningOptions)
+    latency: float = 0.05  # From a tick until its command holds, at most a tick [s]
+    # By which clocks of sensors may differ from the robot's [s]
+    clock_error: float = key(number, default=0.01, at_least=0.0)
+    # How far a joint may be from where it should be [rad or m]; where proofs have a tube, that counts instead
+    tolerance: float = key(number, default=0.05, above=0.0)
+    cloud_radius: float = key(number, default=0.02, above=0.0)  # Of the ball about each point of a cloud [m]
+
+    def check(self) -> None:
+        number("latency", self.latency, at_least=0.0, at_most=self.replanning.tick)
+
+
+class LiveController:
+    """Drives a robot to goals.
+
+    Call what was measured as it comes, and `tick` at the rate of the options. Methods that take measurements raise
+    InputError for what cannot be used; nothing changes then. The `clock` returns the time now [s], of the clock of all
+    stamps; plans are made in the `executor`, by default in a thread. `command` is what the robot was told last, and
+    holds while it is `driving`: if not, the robot follows it to its stop. `blocked` says why the robot must not move,
+    as the caller knows (empty: it may).
+    """
+
+    def __init__(
+        self, cell: Cell, clock: Callable[[], float], options: ControlOptions, executor: Executor | None = None
+    ) -> None:
+        self.cell, self.options, self._clock = cell, options, clock
+        self._executor = ThreadPoolExecutor(1) if executor is None else executor
+        self._now = -np.inf
+        self._planning: Future[Replanner | Shield | Legs] | None = None
+        self.goal: Any = None  # a configuration (n,), or what else `Cell.plan` takes
+        self._wanted = cell.shielded  # whatever the goal
+        self._why, self.blocked = "nothing was proposed yet" if cell.shielded else "no goal yet", ""
+        if cell.program:
+            self._why = "the program was not started yet"
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget all that was measured and commanded."""
+        lost_after, error = self.options.replanning.lost_after, self.options.clock_error
+        self._sightings = Sightings((*self.cell.trackers, *self.cell.objects), lost_after, error)
+        self.joints: Joints | None = None  # as they were measured last
+        self._cloud: CloudView | None = None
+        self._proven_cloud: CloudView | None = None
+        self._strangers: tuple[float, str] = (-np.inf, "")
+        self._pilot: Replanner | Shield | None = None
+        self.legs: Legs | None = None  # of the program that is driven, or was
+        self.driving = False
+        self._start: FloatArray = np.zeros(self.cell.robot.n)  # of the path that is planned
+        self.command: Command | None = None
+        self.told_by: Replanner | Shield | None = None
+        self._commands: deque[Command] = deque(maxlen=_HISTORY)
+
+    # --------------------------------------------------------------------------------------------- what was measured
+
+    def see_joints(
+        self, time: float, names: Sequence[str], position: Sequence[float], velocity: Sequence[float] = ()
+    ) -> None:
+        """Take joint values and velocities; without velocities they follow from the values before."""
+        if time > self._clock() + self.options.clock_error:
+            raise InputError(f"is {time - self._clock():.3f} s in the future: the clocks differ", "stamp")
+        if self.joints is not None and time <= self.joints.time:
+            return  # out of order
+        q = by_name(names, position, self.cell.robot.joint_names)
+        if len(velocity):
+            qd = by_name(names, velocity, self.cell.robot.joint_names)
+        elif self.joints is None:
+            qd = np.full(len(q), np.inf)  # not known yet
+        else:
+            qd = self.cell.robot.difference(self.joints.q, q) / (time - self.joints.time)
+        self.joints = Joints(time, q, qd)
+
+    def see_people(self, time: float, people: Mapping[str, FloatArray]) -> None:
+        """Take key points (J, 3) of people in the world, in the order of their skeletons; NaN: not seen."""
+        for name, points in people.items():
+            if name in self.cell.trackers:
+                self.cell.trackers[name].skeleton.keypoints(points)
+        for name, points in people.items():
+            if name in self.cell.trackers:
+                self._sightings.add(name, time, self._clock(), points)
+        strangers = [name for name in people if name not in self.cell.trackers]
+        if strangers:
+            self._strangers = max(self._strangers, (time, strangers[0]))
+            raise UnknownNameError("person", strangers[0], self.cell.trackers)
+
+    def see_object(self, time: float, name: str, place: Pose) -> None:
+        """Take the pose of an obstacle that moves, in the world."""
+        if name not in self.cell.objects:
+            raise UnknownNameError("object", name, self.cell.objects)
+        self._sightings.add(name, time, self._clock(), place)
+
+    def see_cloud(self, time: float, points: FloatArray) -> None:
+        """Take points (M, 3) in the world [m]; those of the robot and of tracked people are left out."""
+        if self.joints is None or abs(time - self.joints.time) > _JOINTS_LATE:
+            raise InputError("comes without joint states of its time: the robot's own points are not known")
+        around = None if self._pilot is None else self._pilot.surroundings
+        self._cloud = CloudView.seen(points, self.options.cloud_radius, self.cell.robot, self.joints.q, around)
+
+    def go_to(self, names: Sequence[str], position: Sequence[float]) -> None:
+        """Take a goal: the robot stops if it moves, and goes there. Without joints it stops, and stays."""
+        if self.cell.program:
+            raise InputError("the scenario has a program, which is run", "goal")
+        goal = goal_of(self.cell.robot, names, position) if len(names) else None
+        self.pursue(goal, "no goal" if goal is None else "a new goal")
+
+    def pursue(self, goal: Any, why: str) -> None:
+        """Stop, say why, and then do what `Cell.plan` makes of a goal; without one stay."""
+        self.goal, self._planning = goal, None
+        self._halt(why)
+
+    def run(self, wanted: bool) -> None:
+        """Drive the program, from where it stopped if it was not done; or stop, and stay."""
+        if wanted and not self.cell.program:
+            raise InputError("the scenario has no program", "run")
+        if wanted and self.legs is not None and self.legs.finished:
+            self.legs = None
+        self._wanted = wanted
+        if not wanted:
+            self._planning = None
+            self._halt("stopped")
+
+    def propose(self, motion: Motion | FloatArray, start: float | None = None) -> bool:
+        """Take what the shield is to follow: a motion from a time [s] or the next tick on, or velocities (n,).
+
+        Return whether it can be used; if not, the robot stops, and the next command says why.
+        """
+        if not self.driving or not isinstance(self._pilot, Shield):
+            raise InputError(f"is not followed: {self._why}")
+        if isinstance(motion, Motion):
+            return self._pilot.propose(motion, start=start)
+        return self._pilot.propose_velocity(motion)
+
+    # ------------------------------------------------------------------------------------------------------- ticks
+
+    def tick(self) -> dict[str, Any]:
+        """Go on to now, and return what holds then as a tick (`safe_ompl.io.ticks`).
+
+        `command` is what the robot should do from then on; it is to be sent if `driving`.
+        """
+        before, self._now = self._now, self._clock()
+        if self._now < before:
+            self._forget()
+            self._planning, self._wanted = None, self.cell.shielded  # who holds what in a program is not known any more
+            self._why = f"the clock went back by {before - self._now:.3f} s"
+            return self._record()
+        self._take_plan()
+        if self.driving:
+            why = self._fault()
+            if why is not None:
+                self._halt(why)
+            else:
+                self._drive()
+        elif (self.goal is not None or self._wanted) and self._planning is None:
+            self._start_planning()
+        return self._record()
+
+    def think(self, units: int = 60) -> None:
+        """Search a detour in the time that is left until the next tick; see `Replanner.think`."""
+        if self.driving and isinstance(self._pilot, Replanner):
+            self._pilot.think(units)
+
+    def _halt(self, why: str) -> None:
+        """Send no more commands: the robot follows the last one to its stop."""
+        self.driving, self._why = False, why
+
+    def _fault(self) -> str | None:
+        """Return why the robot must be stopped, if it must."""
+        if self.blocked:
+            return self.blocked
+        late = np.inf if self.joints is None else self._now - self.joints.time
+        if self.joints is None or late > _JOINTS_LATE:
+            return "no joint states yet" if np.isinf(late) else f"no joint states for {late:.2f} s"
+        if self._now - self._strangers[0] < self.options.replanning.lost_after:
+            return f"{self._strangers[1]!r} is seen, but not tracked"
+        if not self.driving:
+            return None
+        if self._cloud is not None and (new := self._cloud.news(self._proven_cloud)):
+            return f"{new} points of the cloud are new"
+        return self._astray(self.errors()[0], "it should be") or None
+
+    def _allowed(self) -> FloatArray:
+        """Return how far joints (n,) may be from where they should be: what is proven holds within a tube only."""
+        tube = () if self._pilot is None else self._pilot.prover.separation.tube
+        return np.array(tube) if tube else np.full(self.cell.robot.n, self.options.tolerance)
+
+    def _astray(self, away: FloatArray, where: str) -> str:
+        """Say which joint is farther away (n,) from a place than it may be; empty if none is."""
+        allowed, names = self._allowed(), self.cell.robot.joint_names
+        joint = int((away - allowed).argmax())
+        if away[joint] <= allowed[joint]:
+            return ""
+        return f"{names[joint]!r} is {away[joint]:.3f} from where {where}, and {allowed[joint]:.3g} is allowed"
+
+    def _expected(self) -> list[State]:
+        """Return what the robot may have done when joints were measured last: what it should, or did a lag before."""
+        now, lag = -np.inf if self.joints is None else self.joints.time, self.options.replanning.lag
+        times = (now - lag * np.linspace(0.0, 1.0, _LAGS if lag else 1)).tolist()
+        told = [(time, [one for one in self._commands if one.time <= time]) for time in times]
+        return [before[-1].at(time) for time, before in told if before]
+
+    def errors(self) -> tuple[FloatArray, FloatArray]:
+        """Return how far joints and velocities (n,), as measured last, were from what was commanded within the lag."""
+        found, joints = self._expected(), self.joints
+        if joints is None or not found:
+            return np.zeros(self.cell.robot.n), np.zeros(self.cell.robot.n)
+        nearest = min(found, key=lambda state: float((self._apart(state.q, joints.q) / self._allowed()).max()))
+        return self._apart(nearest.q, joints.q), np.abs(nearest.qd - joints.qd)
+
+    def _apart(self, one: FloatArray, other: FloatArray) -> FloatArray:
+        """Return how far (n,) the joints of two configurations are apart."""
+        return np.asarray(np.abs(self.cell.robot.difference(one, other)))
+
+    def _drive(self) -> None:
+        """Tell the replanner or the shield what was seen, and ask for the next command."""
+        assert self._pilot is not None
+        self._inform(self._pilot)
+        command = self._pilot.command(self._now + self.options.latency)
+        if command is not self.command:
+            late, new = self._clock() - command.time, command.time >= self._now
+            if new and late > 0:  # the one before holds, and is what the next plan begins after
+                self._halt(f"the answer came {1e3 * late:.0f} ms too late")
+                return
+            self._commands.append(command)
+        self.command, self.told_by, self._why = command, self._pilot, command.reason
+        if command.doing is not Doing.DONE or self.cell.shielded:
+            return
+        if self.legs is not None:
+            self.legs.go_on(self._now)
+            self._pilot = self.legs.current.replanner
+            if not self.legs.finished:
+                return
+        self.goal, self._wanted, self.driving, self._why = None, False, False, _ARRIVED
+
+    def _inform(self, pilot: Replanner | Shield) -> None:
+        due = self._sightings.due(self._now)
+        if due is None:
+            return
+        time, seen = due
+        people = {name: points for name, points in seen.items() if name in self.cell.trackers}
+        try:
+            pilot.update(people, {name: seen[name] for name in seen if name not in people}, time)
+        except InputError as error:  # of a person nothing is known but a hand: not seen yet
+            _log.warning("%s", error)
+
+    # ---------------------------------------------------------------------------------------------------- planning
+
+    def _start_planning(self) -> None:
+        """Plan from where the robot stands, once it does and nothing is wrong."""
+        why = self._fault()
+        if why is not None:
+            self._why = why
+            return
+        assert self.joints is not None
+        stood = self.command is None or self.joints.time > self.command.standstill
+        if not stood or np.abs(self.joints.qd).max() > _RESTING:
+            return
+        start = self.joints.q
+        if self.command is not None:  # what it was told is without the errors of its control
+            rest = self.command.at(np.inf).q
+            away = self._apart(rest, start)
+            if self.legs is not None:
+                self._resume(away)
+                return
+            start = start if self._astray(away, "") else rest
+        goal = start if self.goal is None else self.goal
+        if not self._wanted and isinstance(goal, np.ndarray) and self._apart(start, goal).max() < _SAME:
+            self.goal, self._why = None, _ARRIVED
+            return
+        self._start, self._proven_cloud = start, self._cloud
+        cloud = None if self._cloud is None else self._cloud.obstacle()
+        self._planning = self._executor.submit(self.cell.plan, start, goal, cloud)
+        self._why = "plans"
+
+    def _resume(self, away: FloatArray) -> None:
+        """Go on with the program, if the joints are no farther (n,) from where it stopped than they may be."""
+        assert self.legs is not None
+        if why := self._astray(away, "the program goes on"):
+            self._why = why
+            return
+        replanner = self.legs.current.replanner
+        replanner.resume(self.command if self.told_by is replanner else None)
+        self.driving = True
+
+    def _take_plan(self) -> None:
+        """Begin to drive if a plan is there."""
+        if self._planning is None or not self._planning.done():
+            return
+        planning, self._planning = self._planning, None
+        try:
+            found = planning.result()
+        except SafeOmplError as error:
+            what = "the program cannot be driven" if self.cell.program else "no way to the goal"
+            self.goal, self._wanted, self._why = None, self.cell.shielded, f"{what}: {error}"
+            return
+        if self.joints is None or self._astray(self._apart(self._start, self.joints.q), ""):
+            return  # the robot was moved meanwhile: plan anew
+        self.legs = found if isinstance(found, Legs) else None
+        self._pilot = found.current.replanner if isinstance(found, Legs) else found
+        self._sightings.restart()
+        self.driving, self.command = True, None
+        self._commands.clear()
+
+    # ------------------------------------------------------------------------------------------------------ record
+
+    @property
+    def state(self) -> str:
+        """What the robot does, in one word: as `Doing` says; planning, or standing, and done without a goal."""
+        if self.driving and self.command is not None:
+            rests = self.legs is not None and self.command.doing is Doing.DONE  # between two legs
+            return (Doing.STANDING if rests else self.command.doing).value
+        if self.command is not None and self._now < self.command.standstill:
+            return Doing.BRAKING.value
+        if self._planning is not None:
+            return "planning"
+        return Doing.DONE.value if self._why == _ARRIVED else Doing.STANDING.value
+
+    def stop(self) -> tuple[FloatArray, Sequence[Any]]:
+        """Return times [s] and states of the rest of the command until the robot stands; none before the first one."""
+        if self.command is None:
+            return np.zeros(0), ()
+        begin = max(self._now + self.options.latency, self.command.time)
+        return self.command.until_rest(begin, self.options.replanning.tick / 5)
+
+    def _record(self) -> dict[str, Any]:
+        times, states = self.stop()
+        still = np.full(self.cell.robot.n, np.nan) if self.joints is None else self.joints.q
+        command = self.command
+        work = {}
+        if self.legs is not None:
+            leg = self.legs.current
+            work = {"step": leg.step + 1, "holds": ", ".join(item.name for item in leg.robot.spec.attached)}
+        return {
+            "time": self._now,
+            "joints_measured": None if self.joints is None else self.joints.time,
+            "q": still.tolist(),
+            "qd": (np.full(len(still), np.nan) if self.joints is None else self.joints.qd).tolist(),
+            "stop": stop_as_dict(times, states),
+            **({"people": {}, "objects": {}} if self._pilot is None else self._pilot.surroundings.seen()),
+            "state": self.state,
+            "margin": None if command is None else command.left.margin,
+            **dict.fromkeys(("distance", "link", "who", "limb")),
+            "reason": self.blocked or self._why,
+            "measured": None if command is None else command.measured,
+            **work,
+        }
+
+    def close(self) -> None:
+        """End the thread in which plans are made, once the one that is being made is ready."""
+        self._executor.shutdown(wait=True, cancel_futures=True)

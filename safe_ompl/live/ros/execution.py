@@ -1,0 +1,278 @@
+"""Trajectories of others, driven on their own path beside people: the action FollowJointTrajectory without ROS.
+
+A trajectory is proven whole before it begins, among what stands still, and at every tick its stop beside people
+(`Shield.follow`). Where somebody is in the way the robot stops on the path, and goes on as soon as it may. What stops a
+`LiveController` (joint states that are missing, a clock that jumps, new points of a cloud) stops it on the path, too;
+then the rest of the trajectory is proven anew from where the robot stands, until it can be driven.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, InputError, SafeOmplError
+from safe_ompl.live.replanning import Shield
+from safe_ompl.live.ros.controller import LiveController
+from safe_ompl.live.ros.messages import rows_of, seconds
+from safe_ompl.motions import Motion
+from safe_ompl.robot import Robot
+
+ACTION = "guard"  # the name of the action, under that of the controller
+_AGAIN = 0.5  # [s] between two attempts to go on where something new stands in the way
+_SETTLES = 1.0  # [s] that joints have to reach the end after the command
+_SAME = 1e-6  # [rad or m]
+_BEGINS = 10.0  # [s] within which it must begin
+
+
+class Code(IntEnum):
+    """Values of `error_code` of the action."""
+
+    SUCCESSFUL = 0
+    INVALID_GOAL = -1
+    INVALID_JOINTS = -2
+    OLD_HEADER_TIMESTAMP = -3
+    PATH_TOLERANCE_VIOLATED = -4
+    GOAL_TOLERANCE_VIOLATED = -5
+
+
+class Outcome(NamedTuple):
+    """How a trajectory ended, and why."""
+
+    code: Code
+    reason: str = ""
+    cancelled: bool = False
+
+
+class GoalError(InputError):
+    """A goal that cannot be taken, and the code that says so."""
+
+    def __init__(self, code: Code, message: str, parameter: str | None = None) -> None:
+        super().__init__(message, parameter)
+        self.code = code
+
+
+class Tolerance(NamedTuple):
+    """How far joints and velocities (n,) may be from what is wanted; infinite: however far."""
+
+    position: FloatArray
+    velocity: FloatArray
+
+    def missed(self, robot: Robot, away: FloatArray, slower: FloatArray) -> str:
+        """Return which joint is farther than that, and by how much; empty if none is."""
+        for what, off, most in (("rad or m", away, self.position), ("rad/s or m/s", slower, self.velocity)):
+            k = int((off - most).argmax())
+            if off[k] > most[k]:
+                return f"{robot.joint_names[k]!r} is off by {off[k]:.3g}, more than {most[k]:.3g} {what}"
+        return ""
+
+
+@dataclass
+class Execution:
+    """A trajectory to drive: K points at times (K,) [s], what it must keep to, and how far it is."""
+
+    times: list[float]
+    rows: tuple[Any, ...]  # positions, velocities and accelerations, lists of (n,); the last two may be None
+    path: Tolerance  # of measured joints from the command
+    end: Tolerance  # of measured joints from the last point
+    begin: float = -np.inf  # When it is to begin [s]
+    allowed: float = np.inf  # How much longer than the trajectory it may take [s]
+    report: Callable[[Outcome], Any] = print  # is told how it ended
+    taken: float = 0.0  # When it was taken, and when the robot began to drive it [s]
+    began: float = np.inf
+    motion: Motion | None = None  # From where the robot stood
+    done: float = 0.0  # Up to where on it the robot was told to go [s]
+    # Who gives the commands, and where on the motion the path of these begins [s]; None: it was not proven yet.
+    drive: tuple[Shield, float] | None = None
+    objection: str = ""  # Why it could not be driven when that was tried last
+
+    @classmethod
+    def of(cls, goal: Any, robot: Robot, tolerance: float) -> Execution:
+        """Read a goal of the action; `tolerance` [rad or m] holds where it has none. Raises GoalError."""
+        if goal.multi_dof_trajectory.joint_names or goal.component_path_tolerance or goal.component_goal_tolerance:
+            raise GoalError(Code.INVALID_JOINTS, "has joints of several degrees of freedom: none is known here", "goal")
+        given, points = goal.trajectory, goal.trajectory.points
+        strange = [name for name in given.joint_names if name not in robot.joint_names]
+        if strange:
+            raise GoalError(Code.INVALID_JOINTS, f"{strange[0]!r} is not one of {robot.joint_names}", "joint_names")
+        if not points or not all(len(point.positions) for point in points):
+            raise GoalError(Code.INVALID_GOAL, "must have positions in every point, and one point at least", "points")
+        times = [seconds(point.time_from_start) for point in points]
+        if times[0] < 0 or (np.diff(times) <= 0).any():
+            raise GoalError(Code.INVALID_GOAL, f"must increase from 0 on, got {times}", "time_from_start")
+        try:
+            rows = tuple(rows_of(given, robot))
+        except InputError as error:
+            missing = set(robot.joint_names) - set(given.joint_names)
+            raise GoalError(Code.INVALID_JOINTS if missing else Code.INVALID_GOAL, str(error)) from None
+        begin, late = seconds(given.header.stamp), seconds(goal.goal_time_tolerance)
+        return cls(
+            times,
+            rows,
+            _tolerance(goal.path_tolerance, "path_tolerance", robot, tolerance),
+            _tolerance(goal.goal_tolerance, "goal_tolerance", robot, tolerance),
+            begin if begin > 0 else -np.inf,
+            late if late > 0 else np.inf,
+        )
+
+    @property
+    def duration(self) -> float:
+        """How long it takes where nothing slows it [s]."""
+        return self.times[-1]
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the robot was told to go to its end."""
+        return self.done >= self.duration - _SAME
+
+    def drive_with(self, shield: Shield, start: FloatArray, tolerance: float) -> None:
+        """Let a shield drive what is left, from where the robot stands; raise SafeOmplError if that is not proven."""
+        try:
+            shield.start(start)
+            motion = self._from(start, shield.robot) if self.motion is None else self.motion
+            self.drive = shield, shield.follow(motion, max(self.done, 0.0), tolerance)
+        except SafeOmplError as error:
+            self.objection = str(error)
+            raise
+        self.motion, self.objection = motion, ""
+
+    def _from(self, start: FloatArray, robot: Robot) -> Motion:
+        """Return the motion that a controller makes of the points; if they begin later, from where the robot stands."""
+        times, rows = self.times, self.rows
+        if times[0] > 0:
+            here = rows[0][0] - robot.difference(start, rows[0][0])
+            firsts = here, np.zeros(robot.n), np.zeros(robot.n)
+            times = [0.0, *times]
+            rows = tuple(None if row is None else [first, *row] for row, first in zip(rows, firsts, strict=True))
+        positions, velocities, accelerations = rows
+        return Motion.hermite(times, positions, velocities, accelerations, robot.joint_names)
+
+
+def _tolerance(given: Any, what: str, robot: Robot, usual: float) -> Tolerance:
+    """Return the tolerances of a goal: 0 is the usual one, a negative one is none. On the path none may be larger."""
+    found = Tolerance(np.full(robot.n, usual), np.full(robot.n, np.inf))
+    for one in given:
+        if one.name not in robot.joint_names:
+            raise GoalError(Code.INVALID_JOINTS, f"{one.name!r} is not one of {robot.joint_names}", what)
+        if one.acceleration > 0:
+            raise GoalError(Code.INVALID_GOAL, f"has an acceleration of {one.name!r}: that is not measured", what)
+        if what == "path_tolerance" and not 0 <= one.position <= usual:
+            said = f"of {one.name!r} must be at most {usual:g}, which stops the robot, got {one.position:g}"
+            raise GoalError(Code.INVALID_GOAL, said, what)
+        k = robot.joint_names.index(one.name)
+        for limit, most in zip(found, (one.position, one.velocity), strict=True):
+            if most:
+                limit[k] = most if most > 0 else np.inf
+    return found
+
+
+class TrajectoryGuard:
+    """Drives trajectories with a `LiveController`, of which it calls `tick`, and reports how each of them ended.
+
+    The cell of the controller plans with `Execution.drive_with`.
+    """
+
+    def __init__(self, controller: LiveController, clock: Callable[[], float]) -> None:
+        self.controller, self._clock = controller, clock
+        self.execution: Execution | None = None
+        self._ending: Outcome | None = None  # of the execution, once the robot stands
+        self._tried = -np.inf
+
+    def take(self, execution: Execution) -> None:
+        """Drive a trajectory, once the robot stands; one that it is driving is aborted, and it stops on that first."""
+        execution.taken = now = self._clock()
+        late = now - execution.begin - execution.duration
+        if 0 < late < np.inf:
+            execution.report(Outcome(Code.OLD_HEADER_TIMESTAMP, f"it was over {late:.2f} s ago"))
+            return
+        if self.execution is not None:
+            self._report(self._ending or Outcome(Code.INVALID_GOAL, "a new trajectory took its place"))
+        self.execution, self._tried = execution, -np.inf
+        self.controller.pursue(None, "a new trajectory")
+
+    def cancel(self) -> None:
+        """Stop on the path; once the robot stands the trajectory is reported as cancelled."""
+        self._end(Outcome(Code.SUCCESSFUL, "cancelled", cancelled=True))
+
+    def _end(self, outcome: Outcome) -> None:
+        if self.execution is not None and self._ending is None:
+            self._ending = outcome
+            self.controller.pursue(None, outcome.reason)
+
+    def _report(self, outcome: Outcome) -> None:
+        execution, self.execution, self._ending = self.execution, None, None
+        assert execution is not None
+        execution.report(outcome)
+
+    # ----------------------------------------------------------------------------------------------------- ticks
+
+    def tick(self) -> dict[str, Any]:
+        """Go on to now, as `LiveController.tick`, and see what has become of the trajectory."""
+        execution, controller = self.execution, self.controller
+        idle = controller.goal is None and not controller.driving and self._ending is None
+        if execution is not None and idle and not execution.arrived:
+            now = self._clock()
+            if now >= max(execution.begin, self._tried + _AGAIN):
+                self._tried = now
+                controller.pursue(execution, execution.objection or "a new trajectory")
+        tick = controller.tick()
+        if execution is not None:
+            self._look(execution, tick["time"], tick["reason"])
+        return tick
+
+    def _look(self, execution: Execution, now: float, reason: str) -> None:
+        """Say how far a trajectory is; end it if it has arrived, failed, or takes too long."""
+        controller, command, drive = self.controller, self.controller.command, execution.drive
+        driven = drive is not None and controller.told_by is drive[0]
+        if driven and command is not None:
+            assert drive is not None
+            execution.began = min(execution.began, now)
+            execution.done = drive[1] + float(command.motion.places[-1])
+        stands = command is None or now >= command.standstill
+        missed = execution.path.missed(controller.cell.robot, *controller.errors()) if driven else ""
+        if self._ending is not None:
+            if stands:
+                self._report(self._ending)
+        elif missed:
+            self._end(Outcome(Code.PATH_TOLERANCE_VIOLATED, missed))
+        elif drive is None and execution.objection:
+            self._report(Outcome(Code.INVALID_GOAL, execution.objection))
+        elif drive is None and now > max(execution.taken, execution.begin) + _BEGINS:
+            self._end(Outcome(Code.INVALID_GOAL, f"it could not begin: {reason}"))
+        elif execution.arrived:
+            if stands:
+                self._compare(execution, now)
+        elif now > execution.began + execution.duration + execution.allowed:
+            late = f"later than allowed at {max(execution.done, 0.0):.2f} of {execution.duration:.2f} s: {reason}"
+            self._end(Outcome(Code.GOAL_TOLERANCE_VIOLATED, late))
+
+    def _compare(self, execution: Execution, now: float) -> None:
+        """Report that the robot is at the end, or that it is not."""
+        controller, command = self.controller, self.controller.command
+        if controller.goal is not None:
+            controller.pursue(None, "at the end")
+        joints, robot, motion = controller.joints, controller.cell.robot, execution.motion
+        if command is None or joints is None or joints.time < command.standstill or motion is None:
+            return
+        away = robot.difference(motion.knots[-1], joints.q)
+        missed = execution.end.missed(robot, np.abs(away), np.abs(joints.qd))
+        settled = np.nan_to_num(execution.allowed, posinf=0.0) + execution.began + execution.duration
+        if not missed:
+            self._report(Outcome(Code.SUCCESSFUL))
+        elif now > max(command.standstill + _SETTLES, settled):
+            self._report(Outcome(Code.GOAL_TOLERANCE_VIOLATED, missed))
+
+    def progress(self) -> tuple[float, FloatArray, FloatArray] | None:
+        """Return where on its trajectory the robot is now [s], and joints and velocities (n,) that it should have."""
+        execution, command = self.execution, self.controller.command
+        if execution is None or execution.drive is None or command is None:
+            return None
+        if self.controller.told_by is not execution.drive[0]:
+            return None
+        now = self._clock()
+        state = command.at(max(now, command.time))
+        return execution.drive[1] + command.motion.at(max(now - command.time, 0.0))[0], state.q, state.qd

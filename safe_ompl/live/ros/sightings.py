@@ -1,0 +1,107 @@
+"""What a controller has seen: people, objects, joints and clouds, each with its time."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safe_ompl.collision import robot_points
+from safe_ompl.common import FloatArray, InputError
+from safe_ompl.geometry import Obstacle, PointCloud
+from safe_ompl.live import Surroundings
+from safe_ompl.robot import Robot
+
+_CLOUD = "cloud"
+_NEAR_PEOPLE = 0.15  # [m] points that are nearer to a tracked limb are the person's
+_NEW = 3.0  # radii: points that are farther from all points of the cloud before are new
+_FEW = 10  # new points that are taken for noise
+
+
+class Sightings:
+    """The newest measurement of each of some people and objects.
+
+    The replanner takes all of them as of one time T. That is the oldest of the newest measurements. For who was seen
+    later, at s > T, reach sets that begin at T hold those that begin at s: they have had more time to grow. Who was not
+    seen for `lost_after` [s] does not count; the replanner stops for them. Clocks of sensors may be off by
+    `clock_error` [s]: all measurements are taken to be so much older.
+    """
+
+    def __init__(self, names: Collection[str], lost_after: float, clock_error: float) -> None:
+        self._names, self._lost_after, self._error = tuple(names), lost_after, clock_error
+        self._newest: dict[str, tuple[float, Any]] = {}
+        self._fed = -np.inf
+
+    def add(self, name: str, stamp: float, now: float, value: Any) -> None:
+        """Take a measurement of a time [s] if it is newer than that before; raise InputError if it is of the future."""
+        time = stamp - self._error
+        if time > now:
+            raise InputError(f"{name!r} was measured {stamp - now:.3f} s in the future: the clocks differ", "stamp")
+        if name not in self._newest or time > self._newest[name][0]:
+            self._newest[name] = time, value
+
+    def restart(self) -> None:
+        """Begin anew: nobody was told of anything yet."""
+        self._fed = -np.inf
+
+    def due(self, now: float) -> tuple[float, dict[str, Any]] | None:
+        """Return what the replanner should be told, and of which time [s]; None: nothing new."""
+        if not self._names:
+            return now, {}
+        fresh = [time for time, _ in self._newest.values() if time > now - self._lost_after]
+        if not fresh or min(fresh) <= self._fed:
+            return None
+        self._fed = min(fresh)
+        return self._fed, {name: value for name, (time, value) in self._newest.items() if time >= self._fed}
+
+
+class Joints(NamedTuple):
+    """Measured joints."""
+
+    time: float  # [s]
+    q: FloatArray
+    qd: FloatArray
+
+
+class CloudView(NamedTuple):
+    """Points of the newest cloud that are neither the robot's nor a tracked person's, in the world."""
+
+    points: FloatArray  # (M, 3) [m]
+    radius: float  # Of the ball about each point [m]
+
+    @classmethod
+    def seen(
+        cls, points: FloatArray, radius: float, robot: Robot, q: FloatArray, around: Surroundings | None
+    ) -> CloudView:
+        """Return what is left of points (M, 3), seen while the robot was at `q: (n,)`."""
+        kept = points[np.isfinite(points).all(axis=1)]
+        kept = kept[~robot_points(kept, robot, q, radius)]
+        for person in () if around is None else around.people.values():
+            if person.keypoints is None or not len(kept):
+                continue
+            ends = person.tracker.body.ends(person.keypoints)
+            for (start, end), width in zip(ends, person.tracker.body.radii(ends), strict=True):
+                kept = kept[_from_segment(kept, start, end) > width + _NEAR_PEOPLE]
+        return cls(kept, radius)
+
+    def obstacle(self) -> Obstacle | None:
+        """Return the points as an obstacle; None if there are none."""
+        return Obstacle(_CLOUD, PointCloud(self.radius, points=self.points)) if len(self.points) else None
+
+    def news(self, before: CloudView | None) -> int:
+        """Return how many points are far from all points of the cloud before; 0 if they are as few as noise."""
+        edge = _NEW * self.radius
+        old = np.zeros((0, 3)) if before is None else before.points
+        known = {tuple(cell) for cell in np.floor(old / edge).astype(int).tolist()}
+        cells = np.floor(self.points / edge).astype(int)
+        steps = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
+        new = sum(not any((x + i, y + j, z + k) in known for i, j, k in steps) for x, y, z in cells.tolist())
+        return new if new > _FEW else 0
+
+
+def _from_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Return the distances (M,) of points from a segment [m]."""
+    way = end - start
+    share = np.clip((points - start) @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(points - start - share[:, None] * way, axis=1))

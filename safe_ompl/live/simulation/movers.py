@@ -1,0 +1,246 @@
+"""People and objects that move in a simulation, and where they are at any time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.common import FloatArray, InputError, whole_number
+from safe_ompl.geometry import STANDING, Limb, Pose, Shape, placed
+from safe_ompl.live import Recording, Skeleton, Surroundings, TrackedBody, Tracker, who_is_where
+from safe_ompl.scene import People
+
+# Of a sensor that sees all key points of the body.
+ALL_KEYPOINTS = Skeleton("standing", tuple(STANDING), {name: (name,) for name in STANDING})
+STEP = 0.02  # [s] between two places
+_KEPT = 1000  # steps
+_NEAR, _FAR = 0.55, 1.6  # [m] from the centre
+_SECTOR = 1.0  # [rad] to either side of the first place
+_ARMS_LOW, _ARMS_HIGH = np.array([0.0, -0.3, 0.0]), np.array([1.7, 0.9, 1.4])  # [rad] raised, outwards, bent
+_HANGING: FloatArray = np.array([[0.05, 0.0, 0.1]] * 2)
+_TURN, _SWING = 2.0, 3.0  # [rad/s] of the body and of the arms, at most
+_ARRIVED = 0.05  # [m]
+_LONGEST = 3.0  # [s] for one place; then another one is drawn
+_SMALLER = 0.7  # what is tried next where a step is too long
+_TRIES = 30
+
+
+class PersonMover(Protocol):
+    """A person in a simulation."""
+
+    tracker: Tracker
+
+    def at(self, time: float) -> FloatArray:
+        """Return the key points (J, 3) at a time [s], as the tracker's skeleton has them."""
+
+
+class Playback:
+    """A recorded person, played back and forth."""
+
+    def __init__(self, recording: Recording, tracker: Tracker) -> None:
+        self.recording, self.tracker = recording, tracker
+
+    def at(self, time: float) -> FloatArray:
+        """Return the key points (J, 3) at a time [s]."""
+        return self.recording.at(time)
+
+
+class Drifting:
+    """An object that moves straight on from a place, and is reflected at the walls of a room.
+
+    The velocity is (3,) [m/s], the room (2, 3) [m]: its lowest and highest corner. Without a velocity it stays.
+    """
+
+    def __init__(self, place: pin.SE3, velocity: FloatArray | None = None, room: FloatArray | None = None) -> None:
+        self._place, self._velocity, self._room = place, velocity, room
+
+    def at(self, time: float) -> pin.SE3:
+        """Return where it is at a time [s]."""
+        if self._velocity is None:
+            return self._place
+        place = self._place.translation + time * self._velocity
+        if self._room is not None:
+            low, high = self._room
+            beyond = np.mod(place - low, 2 * (high - low))
+            place = low + np.minimum(beyond, 2 * (high - low) - beyond)
+        return pin.SE3(self._place.rotation, place)
+
+
+class Solid(NamedTuple):
+    """A limb of a person, or a part of an object, at its place."""
+
+    who: str
+    limb: str
+    geometry: coal.CollisionGeometry
+    placement: pin.SE3
+
+
+def limb_solids(who: str, body: TrackedBody, keypoints: FloatArray) -> list[Solid]:
+    """Return the limbs of a person with completed key points (18, 3) as capsules."""
+    found, ends = [], body.ends(keypoints)
+    for name, (start, end), radius in zip(body.limbs, ends, body.radii(ends).tolist(), strict=True):
+        limb = Limb(name, start, end, radius)
+        geometry = coal.Capsule(radius, limb.length) if limb.length > 0 else coal.Sphere(radius)
+        found.append(Solid(who, name, geometry, limb.placement))
+    return found
+
+
+def part_solids(what: str, shape: Shape, place: pin.SE3) -> list[Solid]:
+    """Return the parts of an object at its place."""
+    return [Solid(what, "", part.geometry, place * part.placement) for part in shape.parts()]
+
+
+class World:
+    """The people and objects of a simulation, and where they truly are at any time.
+
+    Shapes, points and speeds of the objects are those of the replanner's surroundings.
+    """
+
+    def __init__(
+        self, people: Mapping[str, PersonMover], objects: Mapping[str, Drifting], surroundings: Surroundings
+    ) -> None:
+        self.people, self.objects = dict(people), dict(objects)
+        self.surroundings = surroundings
+
+    def keypoints(self, time: float) -> dict[str, FloatArray]:
+        """Return the key points (18, 3) of all people at a time [s], completed as their bodies have it.
+
+        With glitches they are those that sensors see.
+        """
+        found = {}
+        for name, mover in self.people.items():
+            tracker = mover.tracker
+            seen = placed(tracker.place.se3, tracker.skeleton.keypoints(mover.at(time)))
+            found[name] = tracker.body.completed(seen)[0]
+        return found
+
+    def solids(self, keypoints: Mapping[str, FloatArray], time: float) -> list[Solid]:
+        """Return all bodies: limbs of people with these key points, and parts of objects at a time [s]."""
+        found = []
+        for name, points in keypoints.items():
+            found += limb_solids(name, self.people[name].tracker.body, points)
+        for name, mover in self.objects.items():
+            found += part_solids(name, self.surroundings.shapes[name], mover.at(time))
+        return found
+
+    def ends(self, keypoints: Mapping[str, FloatArray], time: float) -> list[FloatArray]:
+        """Return the points of all bodies: ends of limbs (2, 3), and corners of objects."""
+        found: list[FloatArray] = []
+        for name, points in keypoints.items():
+            found += list(self.people[name].tracker.body.ends(points))
+        for name, mover in self.objects.items():
+            found += self.surroundings.objects[name].points_at(mover.at(time))
+        return found
+
+    def tick(self, time: float) -> dict[str, Any]:
+        """Return key points of the people and poses of the objects at a time [s], as plain data."""
+        return who_is_where(self.keypoints(time), {name: mover.at(time) for name, mover in self.objects.items()})
+
+
+class Walker:
+    """A person who walks about at random, turns, and reaches out with both arms.
+
+    No end of a limb is ever faster than `People.speed_of` it times `speed`, as is promised at 1. The person stays in a
+    sector of a ring about a centre (3,) at the height of the floor [m], begins as near to a place `start: (2,)` [m] as
+    the ring is, and walks through obstacles and the robot. A stance (9,) is the place about the centre (distance [m],
+    angle [rad]), the direction that is faced, and three angles of each arm [rad]. Raises InputError if the skeleton of
+    the tracker, which says size, limbs and errors, is not `ALL_KEYPOINTS` in the world's frame.
+    """
+
+    def __init__(
+        self,
+        people: People,
+        centre: FloatArray,
+        start: FloatArray,
+        *,
+        tracker: Tracker | None = None,
+        speed: float = 1.0,
+        seed: int = 0,
+    ) -> None:
+        self.tracker = Tracker(ALL_KEYPOINTS) if tracker is None else tracker
+        if self.tracker.skeleton != ALL_KEYPOINTS or self.tracker.place != Pose():
+            raise InputError("must have the skeleton ALL_KEYPOINTS in the world's frame", "tracker")
+        self._people, self._centre, self._speed = people, centre, speed
+        self._rng = np.random.default_rng(whole_number("seed", seed, at_least=0))
+        # How fast each key point (17,) may be: as the slowest of the limbs whose ends depend on it [m/s]
+        body, speeds = self.tracker.body, np.array([people.speed_of(limb) for limb in self.tracker.body.limbs])
+        self._bounds = np.where((body.weights > 0).any(axis=1), speeds[:, None], np.inf).min(axis=0)
+        away = np.asarray(start, dtype=float) - centre[:2]
+        self._home = float(np.arctan2(away[1], away[0]))
+        first = np.array([np.clip(np.linalg.norm(away), _NEAR, _FAR), self._home])
+        self._stance = np.concatenate([first, [self._home + np.pi], _HANGING.ravel()])
+        self._goal, self._pace, self._left = self._stance, 1.0, 0
+        self._steps = deque([self._keypoints(self._stance)], _KEPT)  # the newest ones
+        self._count = 1
+
+    def at(self, time: float) -> FloatArray:
+        """Return the key points (17, 3) at a time [s], no earlier than some seconds before the latest asked for."""
+        place = self._speed * max(time, 0.0) / STEP
+        k = int(place)
+        while self._count < k + 2:
+            self._steps.append(self._after(self._steps[-1]))
+            self._count += 1
+        share, newest = place - k, k - self._count  # counted from the end
+        return np.asarray((1 - share) * self._steps[newest] + share * self._steps[newest + 1])
+
+    def _keypoints(self, stance: FloatArray) -> FloatArray:
+        """Return the key points (17, 3) of a stance, in the world [m]."""
+        far, angle, yaw = stance[:3].tolist()
+        c, s = np.cos(yaw), np.sin(yaw)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        at = self._centre + np.array([far * np.cos(angle), far * np.sin(angle), 0.0])
+        return np.asarray(self.tracker.body.height * _posture(stance[3:].reshape(2, 3)) @ turn.T + at)
+
+    def _after(self, before: FloatArray) -> FloatArray:
+        """Go a step on, the longest one in which no key point is too fast, and return the key points there."""
+        if self._left <= 0 or float(np.linalg.norm(self._way())) < _ARRIVED:
+            self._choose()
+        self._left -= 1
+        wanted = self._wanted()
+        share = 1.0
+        for _ in range(_TRIES):
+            stance = self._stance + share * (wanted - self._stance)
+            points = self._keypoints(stance)
+            if (np.linalg.norm(points - before, axis=1) <= self._bounds * STEP).all():
+                self._stance = stance
+                return points
+            share *= _SMALLER
+        return before.copy()
+
+    def _choose(self) -> None:
+        """Draw the next stance, and how fast the person goes there."""
+        far = self._rng.uniform(_NEAR, _FAR)
+        angle = self._home + self._rng.uniform(-_SECTOR, _SECTOR)
+        arms = self._rng.uniform(_ARMS_LOW, _ARMS_HIGH, (2, 3))
+        yaw = angle + np.pi + self._rng.uniform(-0.8, 0.8)
+        self._goal = np.concatenate([[far, angle, yaw], arms.ravel()])
+        self._pace, self._left = self._rng.uniform(0.3, 1.0), round(_LONGEST / STEP)
+
+    def _way(self) -> FloatArray:
+        """Return the rest of the way (2,), outwards and about the centre [m]."""
+        return np.asarray((self._goal - self._stance)[:2] * [1.0, self._stance[0]])
+
+    def _wanted(self) -> FloatArray:
+        """Return the stance a step later if no limb had a bound of its speed."""
+        way, far = self._goal - self._stance, float(np.linalg.norm(self._way()))
+        walked = min(1.0, self._pace * self._people.speed * STEP / max(far, 1e-9))
+        most = np.repeat([_TURN * STEP, self._pace * _SWING * STEP], [1, 6])
+        return np.asarray(self._stance + np.append(walked * way[:2], np.clip(way[2:], -most, most)))
+
+
+def _posture(arms: FloatArray) -> FloatArray:
+    """Return the key points (17, 3) of a body of height 1 at the origin that faces x, with these arms (2, 3) [rad]."""
+    found = {name: np.array(place) for name, place in STANDING.items()}
+    for side, sign, (raised, outwards, bent) in (("left", 1.0, arms[0]), ("right", -1.0, arms[1])):
+        joints = [f"{side}_{name}" for name in ("shoulder", "elbow", "wrist", "hand")]
+        for k, angle in enumerate((raised, raised + bent, raised + bent)):
+            length = np.linalg.norm(STANDING[joints[k + 1]] - STANDING[joints[k]])
+            across, down = np.sin(angle), -np.cos(angle)
+            way = np.array([across * np.cos(outwards), sign * across * np.sin(outwards), down])
+            found[joints[k + 1]] = found[joints[k]] + length * way
+    return np.array(list(found.values()))

@@ -1,0 +1,261 @@
+"""Tracked people and objects: where they were seen last, how long ago, and who moved farther than promised."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from safe_ompl.common import (
+    FloatArray,
+    InputError,
+    IntArray,
+    Section,
+    UnknownNameError,
+    documents as document,
+    float_array,
+    key,
+)
+from safe_ompl.geometry import STANDING, PointCloud, Pose, placed
+from safe_ompl.live.objects import CloudTrack, ObjectTrack
+from safe_ompl.live.reach import ReachSets, ReachViolation
+from safe_ompl.live.skeletons import KEYPOINTS, Skeleton, TrackedBody
+from safe_ompl.scene import People, Scene
+
+_ROUNDING = 1e-9  # [m] or [s]
+
+
+@dataclass(frozen=True)
+class Tracker(Section):
+    """How a person is tracked."""
+
+    skeleton: Skeleton  # The key points that the sensor gives
+    body: TrackedBody = field(default_factory=TrackedBody)  # The person's size, and which limbs there are
+    place: Pose = field(default_factory=Pose)  # The sensor's frame, turned to x forward, y left, z up, in the world
+    noise: float = key(document.number, default=0.0, at_least=0.0)  # Bound of the errors of key points [m]
+
+
+class PersonTrack:
+    """A person as the sensor has seen them so far.
+
+    A key point that is not seen keeps its place, and its age grows. One that was never seen is assumed, as
+    `TrackedBody` says.
+    """
+
+    def __init__(self, name: str, tracker: Tracker, people: People) -> None:
+        self.name, self.tracker = name, tracker
+        # (M,), of the limbs, at most [m/s].
+        self.speeds: FloatArray = np.array([people.speed_of(limb) for limb in tracker.body.limbs])
+        self.time = -np.inf
+        self._places: FloatArray = np.full((len(KEYPOINTS), 3), np.nan)
+        self._times: FloatArray = np.full(len(KEYPOINTS), -np.inf)
+        self._completed: FloatArray | None = None
+        self._sets: ReachSets | None = None  # of the last measurement, once they were asked for
+        self._rests: IntArray = np.arange(len(KEYPOINTS))
+
+    @property
+    def age(self) -> float:
+        """How old [s] the eldest of the key points is that were ever seen; infinite before the first one."""
+        seen = self._times[np.isfinite(self._times)]
+        return float(self.time - seen.min()) if len(seen) else np.inf
+
+    @property
+    def keypoints(self) -> FloatArray | None:
+        """Key points (18, 3) in the order of `KEYPOINTS`, in the world [m]; None before the person was seen."""
+        return self._completed
+
+    def observe(self, points: ArrayLike | None, time: float) -> ReachViolation | None:
+        """Take what the sensor saw at a time [s], and return the limb that moved farther than was promised, if one did.
+
+        Key points (J, 3) are as the skeleton has them; NaN, or None for all of them: not seen. Raises InputError if the
+        time goes backwards, or as `Skeleton.keypoints`.
+        """
+        if time < self.time:
+            raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", self.name)
+        seen = np.full((len(KEYPOINTS), 3), np.nan)
+        if points is not None:
+            skeleton = self.tracker.skeleton
+            given = float_array(points, (len(skeleton.points), 3), f"key points of {skeleton.name}")
+            seen = placed(self.tracker.place.se3, skeleton.keypoints(given))
+        new = np.isfinite(seen).all(axis=1)
+        promised = self.sets() if new.any() and self._completed is not None else None
+        since = time - self.time
+        self._places[new], self._times[new] = seen[new], time
+        self.time, self._sets = time, None
+        if np.isfinite(self._places).any():
+            self._completed, self._rests = self.tracker.body.completed(self._places)
+        return None if promised is None else self._violation(promised, since)
+
+    def _violation(self, promised: ReachSets, since: float) -> ReachViolation | None:
+        assert self._completed is not None
+        excess = promised.excess(self.tracker.body.ends(self._completed), since)
+        worst = int(excess.argmax())
+        if excess[worst] <= self.tracker.noise + _ROUNDING:
+            return None
+        return ReachViolation(self.name, promised.names[worst][1], float(excess[worst]))
+
+    def sets(self) -> ReachSets:
+        """Return where the limbs may be from the time of the last measurement on; errors as `measured`."""
+        if self._sets is None:
+            ends, ages = self.measured()
+            body, growth = self.tracker.body, np.column_stack([self.tracker.noise + self.speeds * ages, self.speeds])
+            names = tuple((self.name, limb) for limb in body.limbs)
+            self._sets = ReachSets.of(names, ends, body.radii(ends), growth)
+        return self._sets
+
+    def measured(self) -> tuple[FloatArray, FloatArray]:
+        """Return where the ends (M, 2, 3) of the limbs were seen last [m], and how long ago (M,) the elder one was [s].
+
+        Raises InputError if the person was never seen.
+        """
+        if self._completed is None:
+            raise InputError("was never seen", self.name)
+        body, ages = self.tracker.body, (self.time - self._times[self._rests])[: len(STANDING)]
+        return body.ends(self._completed), np.where(body.weights > 0, ages, 0.0).max(axis=(1, 2))
+
+
+class Surroundings:
+    """What is around a robot: still obstacles, and all people and objects that move, each with its track.
+
+    `sets` are where all may be from the `time` of the last measurement on [s] (−inf: there was none); none until all
+    were seen. `still` are the obstacles that stand still.
+
+    Parameters
+    ----------
+    scene : Scene
+        All obstacles. Those that are named in `trackers` or `objects` move; the others stand still.
+    trackers : mapping of str to Tracker, optional
+        The people that are tracked, and how. They need not be obstacles of the scene.
+    objects : mapping of str to float, optional
+        Obstacles of the scene that move, and bounds of their speeds [m/s].
+    people : People, optional
+        How far people go, the clearance from the robot that must be left, and
+        whether the robot may touch people at speeds that they bear.
+
+    Raises
+    ------
+    InputError
+        If an object is no obstacle of the scene, or a person, too.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        trackers: Mapping[str, Tracker] | None = None,
+        objects: Mapping[str, float] | None = None,
+        people: People | None = None,
+    ) -> None:
+        trackers, objects = trackers or {}, objects or {}
+        self.rules = People() if people is None else people
+        for name in trackers:
+            if name in objects:
+                raise InputError(f"{name!r} is a person and an object: give one of both", "objects")
+        self.people = {name: PersonTrack(name, how, self.rules) for name, how in trackers.items()}
+        self.shapes = {name: scene[name].shape for name in objects}
+        kinds = {
+            name: CloudTrack if isinstance(shape, PointCloud) else ObjectTrack for name, shape in self.shapes.items()
+        }
+        self.objects = {name: kinds[name](scene[name], speed) for name, speed in objects.items()}
+        # Their sets come last: how many they are, and which, changes
+        self.clouds = tuple(name for name, track in self.objects.items() if isinstance(track, CloudTrack))
+        self.scene = scene.without(*(name for name in scene.names if name in trackers))
+        self.still = self.scene.without(*objects)
+        self.time = -np.inf
+        self.sets = ReachSets.none()
+        self._violations: list[ReachViolation] = []
+
+    def __repr__(self) -> str:
+        return f"Surroundings({len(self.people)} people, {len(self.objects)} objects)"
+
+    @property
+    def _tracks(self) -> dict[str, PersonTrack | ObjectTrack]:
+        return {**self.people, **self.objects}
+
+    @property
+    def known(self) -> bool:
+        """Whether everybody and everything was seen."""
+        seen = all(track.keypoints is not None for track in self.people.values())
+        return seen and all(np.isfinite(track.seen) for track in self.objects.values())
+
+    def description(self) -> dict[str, Any]:
+        """Return who and what moves, and what is assumed of them, as the header of ticks has it."""
+        people = {}
+        for name, track in self.people.items():
+            body = track.tracker.body
+            people[name] = {
+                "height": body.height,
+                "limbs": list(body.limbs),
+                "noise": track.tracker.noise,
+                "speeds": dict(zip(body.limbs, track.speeds.tolist(), strict=True)),
+            }
+        rules = self.rules
+        assumed = f"limbs are no faster than {max([rules.speed, *rules.speeds.values()]):g} m/s"
+        return {
+            "people": people,
+            "objects": {name: track.speed for name, track in self.objects.items()},
+            "rules": {"clearance": rules.clearance, "contact": rules.contact, "assumed": assumed},
+        }
+
+    def seen(self) -> dict[str, Any]:
+        """Return where all were seen last, as plain data, see `who_is_where`; nobody who was never seen."""
+        people = {name: track.keypoints for name, track in self.people.items()}
+        return who_is_where(people, {name: thing.pose for name, thing in self.objects.items()})
+
+    def update(
+        self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
+    ) -> list[ReachViolation]:
+        """Take what sensors saw; see `Guard.update`."""
+        document.number("time", time)
+        if time < self.time:
+            raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", "time")
+        for kind, given, known in (("person", people, self.people), ("object", objects, self.objects)):
+            for name in given:
+                if name not in known:
+                    raise UnknownNameError(kind, name, known)
+        found = []
+        for name, person in self.people.items():
+            with document.within(f"people.{name}", ": "):
+                found.append(person.observe(people.get(name), time))
+        for name, thing in self.objects.items():
+            with document.within(f"objects.{name}", ": "):
+                found.append(thing.observe(objects.get(name), time))
+        self.time = float(time)
+        self._violations = [violation for violation in found if violation is not None]
+        if self.known:
+            self.sets = ReachSets.none()
+            for track in sorted(self._tracks.values(), key=lambda track: isinstance(track, CloudTrack)):
+                self.sets = self.sets.beside(track.sets())
+        return list(self._violations)
+
+    def take_over(self, before: Surroundings) -> None:
+        """Know from now on what others knew, of the same people and objects among other still obstacles."""
+        self.people, self.objects = before.people, before.objects
+        self.time, self.sets, self._violations = before.time, before.sets, before._violations
+
+    def trouble(self, time: float, lost_after: float) -> str | None:
+        """Return who moved farther than promised or is lost, so that the robot must stop; else None."""
+        for name, track in self._tracks.items():
+            age = time - self.time + track.age
+            if age > lost_after:
+                return f"{name!r} was not seen " + ("yet" if np.isinf(age) else f"for {age:.2f} s")
+        return str(self._violations[0]) if self._violations else None
+
+
+def who_is_where(people: Mapping[str, FloatArray | None], objects: Mapping[str, pin.SE3]) -> dict[str, dict[str, Any]]:
+    """Return key points (18, 3) of people and poses of objects, as a tick (`safe_ompl.io.ticks`) has them [m]."""
+    poses = {name: Pose.of(place) for name, place in objects.items()}
+    return {
+        "people": {
+            name: dict(zip(KEYPOINTS, points.tolist(), strict=True))
+            for name, points in people.items()
+            if points is not None
+        },
+        "objects": {
+            name: {"position": list(pose.position), "quaternion_xyzw": list(pose.quaternion_xyzw)}
+            for name, pose in poses.items()
+        },
+    }

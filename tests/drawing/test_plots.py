@@ -1,0 +1,114 @@
+"""Curves and boxes: files are written, axes hold what they should, bad numbers are refused."""
+
+import builtins
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+
+import matplotlib
+from matplotlib.image import imread
+
+from safe_ompl import DangerField, InputError, KinetostaticField, RateLimits, SafeOmplError, time_path
+from safe_ompl.drawing.plots import plot_motion, plot_plan, plot_profiles
+from safe_ompl.io import ACCELERATION
+
+PROFILES = {
+    "RRTConnect": np.tile(np.linspace(1.0, 3.0, 11), (4, 1)) + np.arange(4)[:, None],
+    "SafeRRTConnect": np.ones((5, 21)),
+    "BITstar": np.empty((0, 11)),
+}
+
+
+# ------------------------------------------------------------------------------------------------ pictures
+
+
+def test_profiles_show_the_mean_of_each_planner(tmp_path):
+    before = dict(matplotlib.rcParams)
+    figure = plot_profiles(PROFILES, tmp_path / "new" / "profiles.png")
+    axes = figure.axes[0]
+    curves = {line.get_label(): line for line in axes.get_lines()}
+    assert list(curves) == ["RRTConnect", "SafeRRTConnect", "BITstar (no runs)"]
+    assert curves["RRTConnect"].get_ydata() == pytest.approx(np.linspace(2.5, 4.5, 11))
+    assert curves["RRTConnect"].get_xdata()[[0, -1]] == pytest.approx([0.0, 1.0])
+    assert axes.get_xlabel() == "along the path, from start to goal"
+    assert imread(tmp_path / "new" / "profiles.png").shape[:2] == (660, 1050)
+    assert dict(matplotlib.rcParams) == before  # the style of others is left alone
+
+
+def test_a_plan_shows_levels_and_the_closest_approach(tmp_path):
+    danger, clearances = np.array([1.0, 4.0, 2.0]), {"people": [0.5, 0.4, 0.6], "things": [0.2, 0.03, 0.1]}
+    figure = plot_plan(danger, tmp_path / "plan.png", clearance=clearances, planner="SafePRM")
+    upper, lower = figure.axes
+    assert upper.get_title(loc="left") == "SafePRM"
+    assert {text.get_text(): text.get_position()[1] for text in upper.texts} == {"start": 1.0, "goal": 2.0}
+    assert lower.get_title(loc="right") == "closest: 30 mm to things"
+    assert [line.get_ydata().tolist() for line in lower.get_lines()[:2]] == [[500, 400, 600], [200, 30, 100]]
+    assert [text.get_text() for text in lower.get_legend().get_texts()] == ["to people", "to things"]
+
+
+# ----------------------------------------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("danger", "message"), [([], "danger has no values"), ([1.0, np.nan], "finite"), (["a"], "danger: must be numbers")]
+)
+def test_what_cannot_be_drawn_is_named(danger, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        plot_plan(danger, tmp_path / "a.png")
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_matplotlib_the_extra_is_named(monkeypatch, tmp_path):
+    real = builtins.__import__
+
+    def without(name, *rest, **more):
+        if name.startswith("matplotlib"):
+            raise ImportError(name)
+        return real(name, *rest, **more)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(SafeOmplError, match=r"safe-ompl\[plots\]"):
+        plot_plan([1.0, 2.0], tmp_path / "a.png")
+
+
+# -------------------------------------------------------------------------------------- the picture of a trajectory
+
+
+PATH = [
+    [0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.0],
+    [1.2, 0.2, 0.4, -1.2, 0.3, 2.0, 0.5],
+    [0.2, 0.4, -0.4, -1.8, 0.0, 1.0, 0.0],
+]
+
+
+@pytest.fixture(scope="module")
+def trajectory(panda):
+    return time_path(PATH, panda, RateLimits.of(panda, 1.0, 4.0), tool_speed=0.4)
+
+
+def test_speed_and_what_binds_it(trajectory, tmp_path):
+    speed, velocity, acceleration = plot_motion(trajectory, tmp_path / "motion.png").axes
+    assert (tmp_path / "motion.png").stat().st_size > 10_000
+    lines = {line.get_label(): line for line in speed.lines}
+    whole, bound = lines[ACCELERATION].get_ydata(), lines["tool speed"].get_ydata()
+    highest = np.sqrt(trajectory.law.squares.max())
+    assert np.nanmax([whole, bound]) == pytest.approx(highest, rel=1e-2)
+    assert 0 < np.isfinite(bound).mean() < 1
+    assert np.isfinite(np.fmax(whole, bound)).all()  # each piece in the colour of what binds there
+    times = np.linspace(0.0, trajectory.duration, len(whole))
+    drawn = np.where(np.isfinite(bound), bound, whole)
+    np.testing.assert_allclose(drawn, trajectory.law.at(times)[2], atol=1e-9)
+    for axes in (velocity, acceleration):
+        shares = np.concatenate([line.get_ydata() for line in axes.lines if len(line.get_ydata()) > 2])
+        assert 0.3 < abs(shares).max() <= 1 + 1e-9
+
+
+def test_danger_and_its_proven_peak(trajectory, panda, tmp_path):
+    danger = trajectory.danger(KinetostaticField(DangerField(panda, [[0.6, 0.4, 0.5]])))
+    figure = plot_motion(trajectory, tmp_path / "motion.svg", danger=danger, title="mine")
+    axes = figure.axes
+    assert figure.get_suptitle() == "mine"
+    np.testing.assert_allclose(axes[3].lines[0].get_ydata(), danger.values)
+    assert f"proven below {danger.proven_peak:.2f}" in axes[3].get_title(loc="right")

@@ -1,0 +1,106 @@
+"""What a view shows, seen without a browser."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import safe_ompl
+from safe_ompl import Box, InputError, Obstacle, Person, PlanResult, Pose, SafeSetup, Scene
+from safe_ompl.drawing import ViewerContent
+
+START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
+
+
+@pytest.fixture(scope="module")
+def scene():
+    table = Obstacle("table", Box((1.0, 1.0, 0.04)), Pose((0.0, 0.0, -0.05)))
+    return Scene((table, Obstacle("worker", Person(height=1.7), Pose((1.2, 0.0, -0.8)))))
+
+
+@pytest.fixture(scope="module")
+def result(ur5, scene):
+    setup = SafeSetup(ur5, scene)
+    setup.setConfigurations(START, GOAL)
+    found = setup.plan("SafeRRTConnect", time=10.0, seed=0)
+    assert found
+    return found
+
+
+def test_a_view_knows_where_a_path_goes(result, ur5, scene):
+    content = ViewerContent.of_results([result])
+    along = content.along(result.planner, np.array([0.0, 1.0]))
+    np.testing.assert_allclose(along, [START, GOAL], atol=1e-9)
+    assert len(content.danger_field.points) > 100
+    two = ViewerContent.of_results([result, dataclasses.replace(result, seed=7)])
+    assert list(two.paths) == ["SafeRRTConnect", "SafeRRTConnect, seed 7"]
+    bare = ViewerContent(ur5, scene, danger=None), ViewerContent(ur5, Scene())
+    assert [content.danger_field for content in bare] == [None, None]
+
+
+def test_results_that_cannot_be_shown_are_refused(result):
+    bare = PlanResult("Timeout", None, None, "PRM", 0, result.joint_names, 0.1)
+    with pytest.raises(InputError, match="PRM does not know its robot"):
+        ViewerContent.of_results([bare])
+    with pytest.raises(InputError, match="same robot and scene"):
+        ViewerContent.of_results([result, dataclasses.replace(result, scene=Scene())])
+    with pytest.raises(InputError, match="no result"):
+        ViewerContent.of_results([])
+
+
+def test_results_are_shown_from_the_package_and_still_by_themselves(result, monkeypatch):
+    shown = []
+
+    class Browser:
+        def __init__(self, content, port):
+            shown.append((list(content.paths), port))
+
+        def run(self, browser):
+            shown.append(browser)
+
+    monkeypatch.setattr("safe_ompl.drawing.viewer.BrowserView", Browser)
+    safe_ompl.view([result, dataclasses.replace(result, planner="PRM")], port=8081)
+    safe_ompl.view(result, browser=False)
+    assert shown == [(["SafeRRTConnect", "PRM"], 8081), True, (["SafeRRTConnect"], 8080), False]
+
+
+@pytest.fixture
+def view(result):
+    pytest.importorskip("viser")
+    from safe_ompl.drawing.viewer import BrowserView
+
+    view = BrowserView(ViewerContent.of_results([result, dataclasses.replace(result, planner="RRTConnect")]), port=8765)
+    yield view
+    view.stop()
+
+
+def test_sliders_and_play_bar_move_the_robots(view):
+    from safe_ompl.drawing.viewer import Controls
+
+    places = np.array([path_view.root.position for path_view in view.path_views])
+    assert np.linalg.norm(places[0] - places[1]) > 1.0, "paths stand apart"
+    controls = Controls(view)
+    controls.go_to(0.5)  # as when it plays
+    middle = view.content.along("SafeRRTConnect", np.array([0.5]))[0]
+    np.testing.assert_allclose(view.q, middle)
+    np.testing.assert_allclose([slider.value for slider in controls.joints], middle)
+    controls.bar.value = 1.0
+    np.testing.assert_allclose(view.q, GOAL, atol=1e-9)
+    controls.joints[0].value = 0.25
+    assert view.q[0] == pytest.approx(0.25)
+    assert len(view.describe()) == 2
+    assert "worker" in view.describe()[0]
+
+
+def test_playing_goes_on_by_itself(view):
+    from safe_ompl.drawing.viewer import Controls
+
+    now = 100.0
+    controls = Controls(view, clock=lambda: now)
+    before = view.share
+    controls.advance()
+    assert view.share == before
+    controls.play(True)
+    now += 1.0
+    controls.advance()
+    assert view.share == pytest.approx(before + 1.0 / view.content.playing_time)
