@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
 import logging
-import re
 import sys
-import textwrap
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections import ChainMap
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import count
-from operator import attrgetter
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast, overload
 
 import numpy as np
@@ -30,58 +27,34 @@ _FIRST_GOALS = 100  # taken before planning begins
 _UNREAD = object()  # stands for an objective until the problem's is read
 # Of the space's extent: 1.1 rad on an arm. Longer steps are trapped more often, shorter ones need more nodes.
 _RANGE_FRACTION = 0.075
-_WIDTH = 100  # of generated docstrings
 T = TypeVar("T", bool, int, float)
 
 
 @dataclass(eq=False)
 class Parameter(Generic[T]):
-    """A parameter of a planner, declared as an attribute of its class.
+    """A parameter of a planner: an attribute with a default, whose values are checked when they are set.
 
     >>> class Planner(SafePlanner):  # doctest: +SKIP
-    ...     goal_bias = Parameter(0.05, "Share of the extensions towards a goal.", at_most=1)
+    ...     goal_bias = Parameter(0.05, at_most=1)
+    ...     setGoalBias, getGoalBias = goal_bias.methods()
 
-    The declaration gives `Planner` the methods `setGoalBias` and `getGoalBias`, the keyword argument ``goal_bias`` and
-    an entry in its docstring; `planner.goal_bias` is the value. What is set is checked: the type of the default is the
-    parameter's, and numbers are at least 0 unless they are to be above something. `kept_in` is the path of an attribute
-    of one of the planner's parts, such as "_danger.alpha", that keeps the value.
+    Values have the type of the default. Numbers are at least 0, unless another lower bound is given.
     """
 
     default: T
-    doc: str
-    unit: str = ""
     at_least: float = 0.0
     above: float | None = None
     at_most: float | None = None
-    kept_in: str = ""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
-        self._part, _, self._attribute = self.kept_in.rpartition(".")
-
-        def setter(planner: Any, value: Any) -> None:
-            setattr(planner, name, value)
-
-        def getter(planner: Any) -> Any:
-            return getattr(planner, name)
-
-        for method, verb in ((setter, "set"), (getter, "get")):
-            method.__name__ = f"{verb}{camel_case(name)}"
-            method.__doc__ = f"{verb.capitalize()} the parameter `{name}`.\n\n{self.entry}"
-            if method.__name__ not in vars(owner):
-                method.__qualname__ = f"{owner.__qualname__}.{method.__name__}"
-                setattr(owner, method.__name__, method)
 
     @overload
     def __get__(self, planner: None, owner: type) -> Parameter[T]: ...
     @overload
-    def __get__(self, planner: object, owner: type) -> T: ...
-    def __get__(self, planner: object | None, owner: type) -> Parameter[T] | T:
-        if planner is None:
-            return self
-        if self.kept_in:
-            return cast(T, attrgetter(self.kept_in)(planner))
-        return cast(T, planner.__dict__[self.name])
+    def __get__(self, planner: object, owner: type | None = None) -> T: ...
+    def __get__(self, planner: object | None, owner: type | None = None) -> Parameter[T] | T:
+        return self if planner is None else cast(T, planner.__dict__.get(self.name, self.default))
 
     def __set__(self, planner: object, value: T) -> None:
         kind, checked = type(self.default), cast(Any, value)
@@ -92,55 +65,26 @@ class Parameter(Generic[T]):
         else:
             least = self.at_least if self.above is None else None
             checked = number(self.name, value, above=self.above, at_least=least, at_most=self.at_most)
-        if self.kept_in:
-            setattr(attrgetter(self._part)(planner), self._attribute, checked)
-        else:
-            planner.__dict__[self.name] = checked
+        planner.__dict__[self.name] = checked
 
-    @property
-    def entry(self) -> str:
-        """The parameter as an entry of a NumPy-style docstring."""
-        kind = type(self.default).__name__
-        if kind != "bool":
-            kind += f" >= {self.at_least:g}" if self.above is None else f" > {self.above:g}"
-            kind += "" if self.at_most is None else f", <= {self.at_most:g}"
-        unit = f" [{self.unit}]" if self.unit else ""
-        words = textwrap.fill(" ".join(self.doc.split()), _WIDTH, initial_indent="    ", subsequent_indent="    ")
-        return f"{self.name} : {kind}, default {self.default!r}{unit}\n{words}"
+    def methods(self) -> tuple[Callable[[Any, T], None], Callable[[Any], T]]:
+        """Return a setter and a getter, which planners of OMPL have for each of their parameters."""
+
+        def setter(planner: Any, value: T) -> None:
+            """Set the parameter; an InputError if the value is refused."""
+            self.__set__(planner, value)
+
+        def getter(planner: Any) -> T:
+            """Return the parameter."""
+            return self.__get__(planner)
+
+        return setter, getter
 
 
 def parameters_of(kind: type) -> dict[str, Parameter[Any]]:
-    """Return the parameters that a class of planners declares, its own before those of its base."""
-    found: dict[str, Parameter[Any]] = {}
-    for owner in kind.__mro__:
-        for name, value in vars(owner).items():
-            if isinstance(value, Parameter):
-                found.setdefault(name, value)
-    return found
-
-
-_ARGUMENTS = """Parameters
-----------
-si : ob.SpaceInformation
-    What the planner plans in.
-name : str
-    Name in logs and benchmarks; by default that of the class.
-"""
-
-
-def _describe(kind: type) -> None:
-    """Put the parameters of a class of planners into its docstring, before notes and references, and its signature."""
-    declared: dict[str, Parameter[Any]] = kind._declared  # type: ignore[attr-defined]
-    section = _ARGUMENTS + "\n".join(parameter.entry for parameter in declared.values()) + "\n"
-    text = inspect.cleandoc(kind.__doc__ or kind.__name__)
-    cut = re.search(r"^(Notes|References)\n-+$", text, re.MULTILINE)
-    end = cut.start() if cut else len(text)
-    kind.__doc__ = f"{text[:end].rstrip()}\n\n{section}\n{text[end:]}"
-    usual = inspect.Parameter
-    arguments = [usual("si", usual.POSITIONAL_OR_KEYWORD)]
-    arguments.append(usual("name", usual.POSITIONAL_OR_KEYWORD, default=kind.__name__))
-    arguments += [usual(name, usual.KEYWORD_ONLY, default=each.default) for name, each in declared.items()]
-    kind.__signature__ = inspect.Signature(arguments)  # type: ignore[attr-defined]
+    """Return the parameters of a class of planners, those of its base first."""
+    attributes = ChainMap(*(dict(vars(owner)) for owner in kind.__mro__))
+    return {name: value for name, value in attributes.items() if isinstance(value, Parameter)}
 
 
 def camel_case(name: str) -> str:
@@ -177,29 +121,29 @@ class Query(NamedTuple):
 class SafePlanner(ob.Planner):  # type: ignore[misc]
     """Base of the planners: subclasses declare parameters and implement `_search` on arrays, without OMPL's states.
 
-    Every planner is made by ``Planner(si, name, parameter=value, …)``, with any space of real vectors and SO(2) parts,
-    any validity checker and motion validator. It accepts goals of a type, `plans_to`, by default those that offer
-    configurations. `counts` counts the nodes.
+    A planner plans in any space of real vectors and SO(2) parts, with any validity checker and motion validator. It
+    accepts goals of a type, `plans_to`, by default those that offer configurations. `counts` counts the nodes.
+
+    Parameters
+    ----------
+    si : ob.SpaceInformation
+        The space, with its validity checker and motion validator.
+    name : str, optional
+        Name in logs and benchmarks; by default that of the class.
+    range : float >= 0, default 0.0 [rad]
+        Largest length of one extension, before it moves sideways; 0 takes 7.5 % of the space's extent.
+    **parameters
+        Values of the parameters that the class of the planner declares.
     """
 
     plans_to: ClassVar[Any] = ob.GoalSampleableRegion
-    _declared: ClassVar[dict[str, Parameter[Any]]]
     _danger: DangerWeight
     _structure: TwoTrees[Any] | Roadmap  # what has been built so far
     _query: Query | None  # that it was built for
     _goals: int  # taken so far
     _settings: tuple[Any, ...]  # under which it was built
 
-    range = Parameter(
-        0.0,
-        "Largest length of one extension, before it moves sideways; 0 takes 7.5 % of the space's extent.",
-        unit="rad",
-    )
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        cls._declared = parameters_of(cls)
-        _describe(cls)
+    range = Parameter(0.0)
 
     def __init__(self, si: Any, name: str | None = None, **parameters: Any) -> None:
         super().__init__(si, name or type(self).__name__)
@@ -208,8 +152,6 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self.setSeed(ou.RNG().getLocalSeed())
         self._read: Any = _UNREAD  # the objective that is in use
         self._take_space()
-        for key, parameter in self._declared.items():
-            setattr(self, key, parameter.default)
         for key, value in parameters.items():
             self.setParameter(key, value)
         self._begin_anew()
@@ -221,10 +163,14 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def setParameter(self, name: str, value: Any) -> None:
         """Set a parameter, such as "goal_bias"; an UnknownNameError if there is none, InputError if it is refused."""
-        known = self._declared
+        known = parameters_of(type(self))
         if name not in known:
             raise UnknownNameError(f"parameter of {self.getName()}", name, sorted(known))
-        getattr(self, f"set{camel_case(name)}")(value)
+        setattr(self, name, value)
+
+    def setRange(self, length: float) -> None:
+        """Set the largest length of one extension [rad]; 0 takes 7.5 % of the space's extent."""
+        self.range = length
 
     def setSeed(self, seed: int) -> None:
         """Start the planner's random numbers anew; the same seed gives the same path."""
@@ -252,7 +198,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def setup(self) -> None:
         """Prepare for `solve`: read the problem's objective, and measure what planning will need."""
         ob.Planner.setup(self)
-        self._notice_space()
+        self._notice_changes()
         if self.getProblemDefinition() is not None:
             self._read_objective()
         if hasattr(self, "_danger"):  # planners as printed have none
@@ -301,7 +247,10 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         """Return a path (N, n) whose motions are free, or None when `ptc` fires."""
 
     def _make_parts(self) -> None:
-        """Make the parts that keep values of parameters, before these are set."""
+        """Make the parts of the planner, for the space as it is now."""
+
+    def _apply_parameters(self) -> None:
+        """Give the parts the values of their parameters, before they are used."""
 
     def _forget(self) -> None:
         """Drop what has been built, and begin anew without starts and goals."""
@@ -373,7 +322,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def _outcome(self, ptc: Any) -> Any:
         problem = self.getProblemDefinition()
-        self._notice_space()
+        self._notice_changes()
         if problem.getOptimizationObjective() is not self._read:
             self._read_objective()
         if not self.accepts(goal := problem.getGoal()):
@@ -416,14 +365,12 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._bridge = self._problem.bridge
         self._make_parts()
 
-    def _notice_space(self) -> None:
-        """Take the space anew if it has other bounds now; drop what was built where other motions are free."""
+    def _notice_changes(self) -> None:
+        """Take values of parameters, and the space if it has other bounds; drop what was built under other settings."""
         if not self._bridge.is_current:
-            values = {key: getattr(self, key) for key in self._declared}
             self._take_space()
-            for key, value in values.items():
-                setattr(self, key, value)
             self._read = _UNREAD
+        self._apply_parameters()
         if self._problem.settings != self._settings:
             self._begin_anew()
 

@@ -13,7 +13,6 @@ from safe_ompl.common import FloatArray, InputError, IntArray, halton_point
 from safe_ompl.planning.ompl import CollisionFreeValidity
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
 from safe_ompl.planning.planners.extend import ElasticBand, TangentialDescent
-from safe_ompl.planning.planners.prm import SafePRM
 from safe_ompl.planning.planners.problem import WORTHWHILE, DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import TwoTrees, branch
 from safe_ompl.planning.planners.turns import ROOT
@@ -32,6 +31,27 @@ class BubblePlanner(SafePlanner):
     One distance query at a configuration gives a whole bubble of free configurations around it. Its end points
     wait in Open; the next one to be closed minimises f = g + h + α·CDF, eq. (10) without its diversity. No edge needs a
     check: it lies within a bubble. The planner is deterministic.
+
+    Parameters
+    ----------
+    alpha : float >= 0, default 1.0
+        Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations. With α = 0 the search is the
+        classical one.
+    nearest_fraction : float >= 0, <= 1, default 1 / 3
+        ε: share of the turns that ignore danger, so that no passage stays closed because it is dangerous.
+    danger_decay : float >= 0, default 500.0
+        Number of turns after which danger counts half; after three times as many it counts next to nothing, so that it
+        cannot keep the planner out of a narrow place. 0 for no decay.
+    slide : float >= 0, <= 1, default 0.8
+        Largest sideways motion of the middle of an edge, as a fraction of the range; 0 drives straight edges as in the
+        paper. Edges of the path that are longer than twice the range move down the gradient of the danger in their
+        middle, where both halves stay free; so do the halves. It acts where α > 0 and the objective offers gradients
+        (`DangerObjective` does).
+    clearance : float >= 0, default 0.05 [m]
+        Margin from all obstacles, dangerous or not. Points nearer than this wait with a penalty of 0.5 m on their
+        cost-to-go, and the contracted path keeps it. It is no more than 80 % of what start and goal keep; for points it
+        falls to 60 % after every twelve of them, or every 48 where nothing is dangerous, and ends below 20 mm. It acts
+        where α > 0, in turns that do not ignore danger, and needs a `CertifiedMotionValidator`. 0 for none.
 
     Notes
     -----
@@ -59,33 +79,16 @@ class BubblePlanner(SafePlanner):
     .. [3] S. Quinlan: Real-time modification of collision-free paths. PhD thesis, Stanford 1994.
     """
 
-    alpha = Parameter(
-        1.0,
-        """Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations. With α = 0 the search is the
-        classical one.""",
-        kept_in="_danger.alpha",
-    )
-    nearest_fraction = Parameter(
-        1 / 3,
-        "ε: share of the turns that ignore danger, so that no passage stays closed because it is dangerous.",
-        at_most=1,
-    )
-    danger_decay = Parameter(
-        500.0,
-        """Number of turns after which danger counts half; after three times as many it counts next to nothing, so
-        that it cannot keep the planner out of a narrow place. 0 for no decay.""",
-        kept_in="_decay.half_life",
-    )
-    slide = SafePRM.slide
-    clearance = Parameter(
-        0.05,
-        """Margin from all obstacles, dangerous or not. Points nearer than this wait with a penalty of 0.5 m on their
-        cost-to-go, and the contracted path keeps it. It is no more than 80 % of what start and goal keep; for points it
-        falls to 60 % after every twelve of them, or every 48 where nothing is dangerous, and ends below 20 mm. It acts
-        where α > 0, in turns that do not ignore danger, and needs a `CertifiedMotionValidator`. 0 for none.""",
-        unit="m",
-        kept_in="_margin.largest",
-    )
+    alpha = Parameter(1.0)
+    setAlpha, getAlpha = alpha.methods()
+    nearest_fraction = Parameter(1 / 3, at_most=1)
+    setNearestFraction, getNearestFraction = nearest_fraction.methods()
+    danger_decay = Parameter(500.0)
+    setDangerDecay, getDangerDecay = danger_decay.methods()
+    slide = Parameter(0.8, at_most=1)
+    setSlide, getSlide = slide.methods()
+    clearance = Parameter(0.05)
+    setClearance, getClearance = clearance.methods()
 
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
@@ -93,6 +96,12 @@ class BubblePlanner(SafePlanner):
         self._margin = Margin(self._problem, self._danger, WORTHWHILE)
         self._decay = DangerDecay(self._danger, self._margin)
         self._band = ElasticBand(self._problem, self._danger, self._descent)
+
+    def _apply_parameters(self) -> None:
+        self._danger.alpha = self.alpha
+        self._decay.half_life = self.danger_decay
+        self._descent.share = self.slide
+        self._margin.largest = self.clearance
 
     # ------------------------------------------------------------------------------- the paper's pseudocode
 

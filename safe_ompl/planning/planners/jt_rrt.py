@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from heapq import heappop, heappush
 from itertools import count
 from math import sqrt
@@ -15,7 +14,6 @@ from safe_ompl.planning.ompl import StateCost, WorkspaceGoal
 from safe_ompl.planning.planners.base import Parameter, Query, SafePlanner
 from safe_ompl.planning.planners.extend import Extension, Growth, TangentialDescent
 from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin, PlanningProblem
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.planning.planners.tree import PlannerGraph, Tree, Trees
 from safe_ompl.robot import (
     Place,
@@ -39,6 +37,40 @@ class SafeJTRRT(SafePlanner):
     near the goal and follow the pseudoinverse of the arm's Jacobian, which brings the tip straight there;
     the freedom that this leaves to the arm, its null space, turns the links away from danger. The goal must be a
     `WorkspaceGoal`; no inverse kinematics is needed.
+
+    Parameters
+    ----------
+    alpha : float >= 0, default 1.0
+        Weight of danger α, as for `SafeRRTConnect`. It also weighs the danger in the choice of the node from which to
+        go to the goal; there the distance is the tip's, and a radian counts as many metres as it typically moves the
+        tip (`Place.lever`). 0 plans classically.
+    nearest_fraction : float >= 0, <= 1, default 0.1
+        ε: share of the choices of a node by distance alone, of random extensions. Any ε > 0 keeps the planner
+        probabilistically complete: a node in a dangerous passage would otherwise never be chosen again.
+    slide : float >= 0, <= 1, default 0.8
+        Largest sideways motion of a new node down the gradient of the danger, as a fraction of the range; 0 gives the
+        paper's straight extension. It acts where α > 0 and the objective offers gradients (`DangerObjective` does).
+    threshold_rise : float >= 0, default 0.05
+        No node is added that is more dangerous than its parent and than a threshold. This is at first the danger of the
+        more dangerous end, which no path can avoid; after every eight refusals it rises by this share. It keeps the
+        peak of the danger low. 0 for no threshold.
+    step : float > 0, default 0.1 [rad]
+        Largest length ‖Δq‖ of one step towards the goal. It takes the place of the paper's gain k₂: far from the goal
+        all steps are this long, near it they are the pseudoinverse's own.
+    goal_bias : float >= 0, <= 1, default 0.05
+        p_g: share of the extensions that go towards the goal. More is faster, less is safer.
+    null_space_gain : float >= 0, default 1.0
+        k₁: length of the posture motion Δq₀ relative to the motion that the tip's way needs. It goes down the gradient
+        of the danger, Δq₀ ∝ −∇CDF: the paper's Σ Jᵀ CDF, with the share of every link in the field. It needs an
+        objective with gradients (`DangerObjective`). 0 leaves the posture alone.
+    transpose : bool, default False
+        Whether Jᵀ takes the place of J†, without posture motion. With α = 0 this is the classical JT-RRT [2].
+    danger_decay : float >= 0, default 100.0
+        Number of turns after which half of the turns ignore danger and margin; after three times as many nearly all do.
+        So danger that keeps the planner out of a narrow place costs no more than about that many turns. 0 for no decay.
+    clearance : float >= 0, default 0.05 [m]
+        Largest margin that motions keep from all obstacles, as for `SafeRRTConnect`. It is no more than 80 % of what
+        the start keeps, and ends below 10 mm. 0 for none.
 
     Notes
     -----
@@ -66,48 +98,27 @@ class SafeJTRRT(SafePlanner):
     """
 
     plans_to = WorkspaceGoal
-    alpha = Parameter(
-        1.0,
-        """Weight of danger α, as for `SafeRRTConnect`. It also weighs the danger in the choice of the node from which
-        to go to the goal; there the distance is the tip's, and a radian counts as many metres as it typically moves
-        the tip (`Place.lever`). 0 plans classically.""",
-        kept_in="_danger.alpha",
-    )
-    # Of random extensions, as for SafeRRTConnect.
-    nearest_fraction = replace(SafeRRTConnect.nearest_fraction, default=0.1)
-    slide = SafeRRTConnect.slide
-    threshold_rise = SafeRRTConnect.threshold_rise
-    step = Parameter(
-        0.1,
-        """Largest length ‖Δq‖ of one step towards the goal. It takes the place of the paper's gain k₂: far from the
-        goal all steps are this long, near it they are the pseudoinverse's own.""",
-        unit="rad",
-        above=0,
-        kept_in="_step.largest",
-    )
-    goal_bias = Parameter(
-        0.05, "p_g: share of the extensions that go towards the goal. More is faster, less is safer.", at_most=1
-    )
-    null_space_gain = Parameter(
-        1.0,
-        """k₁: length of the posture motion Δq₀ relative to the motion that the tip's way needs. It goes down the
-        gradient of the danger, Δq₀ ∝ −∇CDF: the paper's Σ Jᵀ CDF, with the share of every link in the field. It needs
-        an objective with gradients (`DangerObjective`). 0 leaves the posture alone.""",
-        kept_in="_step.null_space_gain",
-    )
-    transpose = Parameter(
-        False,
-        "Whether Jᵀ takes the place of J†, without posture motion. With α = 0 this is the classical JT-RRT [2].",
-        kept_in="_step.transpose",
-    )
-    danger_decay = SafeRRTConnect.danger_decay
-    clearance = Parameter(
-        0.05,
-        """Largest margin that motions keep from all obstacles, as for `SafeRRTConnect`. It is no more than 80 % of what
-        the start keeps, and ends below 10 mm. 0 for none.""",
-        unit="m",
-        kept_in="_margin.largest",
-    )
+
+    alpha = Parameter(1.0)
+    setAlpha, getAlpha = alpha.methods()
+    nearest_fraction = Parameter(0.1, at_most=1)
+    setNearestFraction, getNearestFraction = nearest_fraction.methods()
+    slide = Parameter(0.8, at_most=1)
+    setSlide, getSlide = slide.methods()
+    threshold_rise = Parameter(0.05)
+    setThresholdRise, getThresholdRise = threshold_rise.methods()
+    step = Parameter(0.1, above=0)
+    setStep, getStep = step.methods()
+    goal_bias = Parameter(0.05, at_most=1)
+    setGoalBias, getGoalBias = goal_bias.methods()
+    null_space_gain = Parameter(1.0)
+    setNullSpaceGain, getNullSpaceGain = null_space_gain.methods()
+    transpose = Parameter(False)
+    setTranspose, getTranspose = transpose.methods()
+    danger_decay = Parameter(100.0)
+    setDangerDecay, getDangerDecay = danger_decay.methods()
+    clearance = Parameter(0.05)
+    setClearance, getClearance = clearance.methods()
 
     _trees: Approach
 
@@ -120,6 +131,16 @@ class SafeJTRRT(SafePlanner):
         self._step = GoalStep(self._problem)
         self._goal: Any = None
         self._place: Place
+
+    def _apply_parameters(self) -> None:
+        self._danger.alpha = self.alpha
+        self._descent.share = self.slide
+        self._growth.rise = self.threshold_rise
+        self._step.largest = self.step
+        self._step.null_space_gain = self.null_space_gain
+        self._step.transpose = self.transpose
+        self._decay.half_life = self.danger_decay
+        self._margin.largest = self.clearance
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_JT-RRT."""

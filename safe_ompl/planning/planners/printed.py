@@ -38,14 +38,23 @@ class PaperSafeRRTConnect(SafePlanner):
 
     The argument x_g is read as q_g, and CONNECT is skipped where EXTEND was trapped, as there is no q_new.
 
+    Parameters
+    ----------
+    alpha : float >= 0, default 1.0
+        Weight of danger α, as length per danger.
+    iterations : int >= 0, default 0
+        K: how many turns the trees take; 0: until time is up.
+
     References
     ----------
     .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
     .. [2] J. Kuffner, S. LaValle: RRT-Connect. ICRA 2000.
     """
 
-    alpha = Parameter(1.0, "Weight of danger α, as length per danger.")
-    iterations = Parameter(0, "K: how many turns the trees take; 0: until time is up.")
+    alpha = Parameter(1.0)
+    setAlpha, getAlpha = alpha.methods()
+    iterations = Parameter(0)
+    setIterations, getIterations = iterations.methods()
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_RRT-CONNECT."""
@@ -84,14 +93,26 @@ class PaperSafePRM(SafePlanner):
     is, which would not underestimate it in another; a milestone that is offered twice takes the better offer; two
     graphs that met are connected even where an Open list has become empty.
 
+    Parameters
+    ----------
+    alpha : float >= 0, default 5.0
+        Weight of danger α, as length per danger.
+    neighbors : int >= 1, default 25
+        K: how many of the nearest milestones are neighbours.
+    samples : int >= 1, default 50
+        N: number of milestones.
+
     References
     ----------
     .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
     """
 
-    alpha = Parameter(5.0, "Weight of danger α, as length per danger.")
-    neighbors = Parameter(25, "K: how many of the nearest milestones are neighbours.", at_least=1)
-    samples = Parameter(50, "N: number of milestones.", at_least=1)
+    alpha = Parameter(5.0)
+    setAlpha, getAlpha = alpha.methods()
+    neighbors = Parameter(25, at_least=1)
+    setNeighbors, getNeighbors = neighbors.methods()
+    samples = Parameter(50, at_least=1)
+    setSamples, getSamples = samples.methods()
 
     def _forget_ends(self) -> None:
         self._roadmap.forget_ends()
@@ -150,6 +171,24 @@ class PaperSafeJTRRT(SafePlanner):
     and kept within the joint limits; a node from which a step was tried counts as chosen before, and where all are,
     an extension is random; the vectors CDF carry the weights of their danger points.
 
+    Parameters
+    ----------
+    alpha : float >= 0, default 1.0
+        Weight of danger α, as length per danger, in rad and in metres alike.
+    goal_bias : float >= 0, <= 1, default 0.05
+        p_g: share of the extensions towards the goal.
+    step : float > 0, default 0.1 [rad]
+        Largest length of a step towards the goal.
+    gain : float > 0, default 0.1
+        k₂: gain of a step towards the goal.
+    null_space_gain : float >= 0, default 1.0
+        k₁: gain of the posture motion. The more danger points, the smaller it must be: a thousandth serves the paper's
+        scenes.
+    danger_threshold : float >= 0, default 0.0
+        CDF_Threshold: danger from which on a step towards the goal is refused; 0 for none.
+    transpose : bool, default False
+        Whether the step is k₂JᵀΔx, as in the classical JT-RRT.
+
     References
     ----------
     .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
@@ -159,19 +198,21 @@ class PaperSafeJTRRT(SafePlanner):
 
     plans_to = WorkspaceGoal
 
-    alpha = Parameter(1.0, "Weight of danger α, as length per danger, in rad and in metres alike.")
-    goal_bias = Parameter(0.05, "p_g: share of the extensions towards the goal.", at_most=1)
-    step = Parameter(0.1, "Largest length of a step towards the goal.", unit="rad", above=0)
-    gain = Parameter(0.1, "k₂: gain of a step towards the goal.", above=0)
-    null_space_gain = Parameter(
-        1.0,
-        """k₁: gain of the posture motion. The more danger points, the smaller it must be: a thousandth serves the
-        paper's scenes.""",
-    )
-    danger_threshold = Parameter(
-        0.0, "CDF_Threshold: danger from which on a step towards the goal is refused; 0 for none."
-    )
-    transpose = Parameter(False, "Whether the step is k₂JᵀΔx, as in the classical JT-RRT.")
+    alpha = Parameter(1.0)
+    setAlpha, getAlpha = alpha.methods()
+    goal_bias = Parameter(0.05, at_most=1)
+    setGoalBias, getGoalBias = goal_bias.methods()
+    step = Parameter(0.1, above=0)
+    setStep, getStep = step.methods()
+    gain = Parameter(0.1, above=0)
+    setGain, getGain = gain.methods()
+    null_space_gain = Parameter(1.0)
+    setNullSpaceGain, getNullSpaceGain = null_space_gain.methods()
+    danger_threshold = Parameter(0.0)
+    setDangerThreshold, getDangerThreshold = danger_threshold.methods()
+    transpose = Parameter(False)
+    setTranspose, getTranspose = transpose.methods()
+
     _trees: Approach
     _goal: Any = None
 
@@ -260,14 +301,26 @@ class PaperSafeBubble(SafePlanner):
     limits; of several bubbles that intersect the new one, the path takes the one that it overlaps most. The planner
     is deterministic.
 
+    Parameters
+    ----------
+    alpha : float >= 0, default 1.0
+        Weight of danger α, as length per danger.
+    beta : float >= 0, default 0.0
+        Weight β of the diversity.
+    iterations : int >= 0, default 0
+        k_max: how many turns the trees take; 0: until time is up.
+
     References
     ----------
     .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
     """
 
-    alpha = Parameter(1.0, "Weight of danger α, as length per danger.")
-    beta = Parameter(0.0, "Weight β of the diversity.")
-    iterations = Parameter(0, "k_max: how many turns the trees take; 0: until time is up.")
+    alpha = Parameter(1.0)
+    setAlpha, getAlpha = alpha.methods()
+    beta = Parameter(0.0)
+    setBeta, getBeta = beta.methods()
+    iterations = Parameter(0)
+    setIterations, getIterations = iterations.methods()
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """BUBBLE_PLANNER."""

@@ -37,6 +37,26 @@ class SafePRM(SafePlanner):
     goal only, `clear` everything. Milestones are drawn uniformly, or by the valid state sampler whose allocator the
     space information was given.
 
+    Parameters
+    ----------
+    alpha : float >= 0, default 5.0
+        Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations: at 1, as much danger as a
+        typical step of 1 rad adds is worth a detour of 1 rad. 0 plans classically.
+    neighbors : int >= 1, default 25
+        K: how many of the nearest milestones are neighbours.
+    samples : int >= 1, default 50
+        Number of milestones to begin with.
+    slide : float >= 0, <= 1, default 0.8
+        Largest sideways motion of the middle of an edge, as a fraction of the range; 0 drives straight edges as in the
+        paper. Edges of the path that are longer than twice the range move down the gradient of the danger in their
+        middle, where both halves stay free; so do the halves. It acts where α > 0 and the objective offers gradients
+        (`DangerObjective` does).
+    clearance : float >= 0, default 0.05 [m]
+        Margin from all obstacles, dangerous or not. Edges that do not keep it are penalised by four times the range,
+        and again if they do not keep 30 % of it. The margin is no more than 80 % of what start and goal keep, falls to
+        60 % each time when samples do not suffice, and ends below 20 mm. It acts where α > 0, also where nothing is
+        dangerous, and needs a `CertifiedMotionValidator`. 0 for none.
+
     Notes
     -----
     The planner as it is printed in [1] is `PaperSafePRM`, and with α = 0 `PaperPRM`. What differs here, and why:
@@ -67,38 +87,27 @@ class SafePRM(SafePlanner):
        RSS 2014.
     """
 
-    alpha = Parameter(
-        5.0,
-        """Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations: at 1, as much danger as a
-        typical step of 1 rad adds is worth a detour of 1 rad. 0 plans classically.""",
-        kept_in="_danger.alpha",
-    )
-    neighbors = Parameter(25, "K: how many of the nearest milestones are neighbours.", at_least=1)
-    samples = Parameter(50, "Number of milestones to begin with.", at_least=1)
-    slide = Parameter(
-        0.8,
-        """Largest sideways motion of the middle of an edge, as a fraction of the range; 0 drives straight edges as in
-        the paper. Edges of the path that are longer than twice the range move down the gradient of the danger in
-        their middle, where both halves stay free; so do the halves. It acts where α > 0 and the objective offers
-        gradients (`DangerObjective` does).""",
-        at_most=1,
-        kept_in="_descent.share",
-    )
-    clearance = Parameter(
-        0.05,
-        """Margin from all obstacles, dangerous or not. Edges that do not keep it are penalised by four times the range,
-        and again if they do not keep 30 % of it. The margin is no more than 80 % of what start and goal keep, falls to
-        60 % each time when samples do not suffice, and ends below 20 mm. It acts where α > 0, also where nothing is
-        dangerous, and needs a `CertifiedMotionValidator`. 0 for none.""",
-        unit="m",
-        kept_in="_margin.largest",
-    )
+    alpha = Parameter(5.0)
+    setAlpha, getAlpha = alpha.methods()
+    neighbors = Parameter(25, at_least=1)
+    setNeighbors, getNeighbors = neighbors.methods()
+    samples = Parameter(50, at_least=1)
+    setSamples, getSamples = samples.methods()
+    slide = Parameter(0.8, at_most=1)
+    setSlide, getSlide = slide.methods()
+    clearance = Parameter(0.05)
+    setClearance, getClearance = clearance.methods()
 
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
         self._descent = TangentialDescent(self._bridge, self._danger)
         self._band = ElasticBand(self._problem, self._danger, self._descent)
         self._margin = Margin(self._problem, self._danger, WORTHWHILE)
+
+    def _apply_parameters(self) -> None:
+        self._danger.alpha = self.alpha
+        self._descent.share = self.slide
+        self._margin.largest = self.clearance
 
     def _forget_ends(self) -> None:
         self._roadmap.forget_ends()

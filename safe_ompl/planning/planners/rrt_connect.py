@@ -20,6 +20,32 @@ class SafeRRTConnect(SafePlanner):
     danger; then the other tree tries to connect to the new node. On its way every new node moves down the gradient
     of the danger, at right angles to the step, as far as the way stays free. With α = 0 it is RRT-Connect.
 
+    Parameters
+    ----------
+    alpha : float >= 0, default 1.0
+        Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations: at 1, nodes that differ in
+        danger as much as a typical step of 1 rad changes it are set 1 rad apart. 0 plans classically.
+    nearest_fraction : float >= 0, <= 1, default 0.3
+        ε: share of the choices of a node by distance alone. Any ε > 0 keeps the planner probabilistically complete: a
+        node in a dangerous passage would otherwise never be chosen again.
+    slide : float >= 0, <= 1, default 0.8
+        Largest sideways motion of a new node down the gradient of the danger, as a fraction of the range; 0 gives the
+        paper's straight extension. It acts where α > 0 and the objective offers gradients (`DangerObjective` does).
+    threshold_rise : float >= 0, default 0.05
+        No node is added that is more dangerous than its parent and than a threshold. This is at first the danger of the
+        more dangerous end, which no path can avoid; after every eight refusals it rises by this share. It keeps the
+        peak of the danger low. 0 for no threshold.
+    danger_decay : float >= 0, default 100.0
+        Number of turns after which half of the turns ignore danger and margin; after three times as many nearly all do.
+        So danger that keeps the planner out of a narrow place costs no more than about that many turns. 0 for no decay.
+    clearance : float >= 0, default 0.05 [m]
+        Largest margin that motions keep from all obstacles, dangerous or not, also where nothing is dangerous. It is no
+        more than 80 % of what start and goal keep. It falls to 60 % after every twelve trapped steps, or every 48 where
+        nothing is dangerous. It acts where α > 0, in turns that do not ignore danger (`danger_decay`), and needs a
+        `CertifiedMotionValidator`. 0 for none.
+    iterations : int >= 0, default 0
+        K: how many turns the trees take before the planner gives up, with the status TIMEOUT; 0: until time is up.
+
     Notes
     -----
     The planner as it is printed in [1] is `PaperSafeRRTConnect`, and RRT-Connect as printed in [2] `PaperRRTConnect`.
@@ -41,52 +67,20 @@ class SafeRRTConnect(SafePlanner):
     .. [3] S. LaValle: Planning Algorithms. Cambridge University Press, 2006.
     """
 
-    alpha = Parameter(
-        1.0,
-        """Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations: at 1, nodes that differ in
-        danger as much as a typical step of 1 rad changes it are set 1 rad apart. 0 plans classically.""",
-        kept_in="_danger.alpha",
-    )
-    nearest_fraction = Parameter(
-        0.3,
-        """ε: share of the choices of a node by distance alone. Any ε > 0 keeps the planner probabilistically complete:
-        a node in a dangerous passage would otherwise never be chosen again.""",
-        at_most=1,
-    )
-    slide = Parameter(
-        0.8,
-        """Largest sideways motion of a new node down the gradient of the danger, as a fraction of the range; 0 gives
-        the paper's straight extension. It acts where α > 0 and the objective offers gradients (`DangerObjective`
-        does).""",
-        at_most=1,
-        kept_in="_descent.share",
-    )
-    threshold_rise = Parameter(
-        0.05,
-        """No node is added that is more dangerous than its parent and than a threshold. This is at first the danger of
-        the more dangerous end, which no path can avoid; after every eight refusals it rises by this share. It keeps the
-        peak of the danger low. 0 for no threshold.""",
-        kept_in="_growth.rise",
-    )
-    danger_decay = Parameter(
-        100.0,
-        """Number of turns after which half of the turns ignore danger and margin; after three times as many nearly all
-        do. So danger that keeps the planner out of a narrow place costs no more than about that many turns. 0 for no
-        decay.""",
-        kept_in="_decay.half_life",
-    )
-    clearance = Parameter(
-        0.05,
-        """Largest margin that motions keep from all obstacles, dangerous or not, also where nothing is dangerous. It is
-        no more than 80 % of what start and goal keep. It falls to 60 % after every twelve trapped steps, or every 48
-        where nothing is dangerous. It acts where α > 0, in turns that do not ignore danger (`danger_decay`), and needs
-        a `CertifiedMotionValidator`. 0 for none.""",
-        unit="m",
-        kept_in="_margin.largest",
-    )
-    iterations = Parameter(
-        0, "K: how many turns the trees take before the planner gives up, with the status TIMEOUT; 0: until time is up."
-    )
+    alpha = Parameter(1.0)
+    setAlpha, getAlpha = alpha.methods()
+    nearest_fraction = Parameter(0.3, at_most=1)
+    setNearestFraction, getNearestFraction = nearest_fraction.methods()
+    slide = Parameter(0.8, at_most=1)
+    setSlide, getSlide = slide.methods()
+    threshold_rise = Parameter(0.05)
+    setThresholdRise, getThresholdRise = threshold_rise.methods()
+    danger_decay = Parameter(100.0)
+    setDangerDecay, getDangerDecay = danger_decay.methods()
+    clearance = Parameter(0.05)
+    setClearance, getClearance = clearance.methods()
+    iterations = Parameter(0)
+    setIterations, getIterations = iterations.methods()
 
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
@@ -94,6 +88,13 @@ class SafeRRTConnect(SafePlanner):
         self._margin = Margin(self._problem, self._danger)
         self._decay = DangerDecay(self._danger, self._margin)
         self._growth = Growth(self._problem, self._danger, self._descent, self._margin, self._decay)
+
+    def _apply_parameters(self) -> None:
+        self._danger.alpha = self.alpha
+        self._descent.share = self.slide
+        self._growth.rise = self.threshold_rise
+        self._decay.half_life = self.danger_decay
+        self._margin.largest = self.clearance
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_RRT-CONNECT: turns of the trees until they meet."""

@@ -1,7 +1,8 @@
-"""Planners by name, and parameters that are declared once: their methods, keywords, checks and words."""
+"""Planners by name, and parameters that are declared once: their methods, keywords, checks and descriptions."""
 
 import inspect
 import math
+import re
 
 import pytest
 from ompl import base as ob
@@ -16,31 +17,14 @@ OURS = [name for name in planner_names() if is_ours(name)]
 PRINTED = [name for name in planner_names() if name.startswith("Paper")]
 
 
-class Part:
-    """Keeps a value."""
-
-    length = 0.0
-
-
 class Declared(SafePlanner):
-    """A planner that only has parameters.
+    """A planner that only has parameters."""
 
-    References
-    ----------
-    .. [1] Nobody.
-    """
-
-    share = Parameter(0.5, "A share.", at_most=1)
-    length = Parameter(2.0, "A length.", unit="m", above=0, kept_in="part.length")
-    turns = Parameter(3, "A number of turns.", at_least=1)
-    works = Parameter(True, "Whether it works.")
-
-    def getTurns(self):
-        """Return the turns in another way."""
-        return -self.turns
-
-    def _make_parts(self):
-        self.part = Part()
+    share = Parameter(0.5, at_most=1)
+    setShare, getShare = share.methods()
+    length = Parameter(2.0, above=0)
+    turns = Parameter(3, at_least=1)
+    works = Parameter(True)
 
     def _forget(self):
         pass
@@ -56,19 +40,14 @@ def si(planar3):
     return planar3.getSpaceInformation()
 
 
-def test_defaults_keywords_setters_attributes_and_parts_are_one_value(point):
+def test_defaults_keywords_setters_and_attributes_are_one_value(point):
     planner, other = Declared(point, share=0.25, length=4), Declared(point)
     assert planner.getName() == "Declared"
-    assert (planner.share, planner.getShare(), planner.turns, planner.getTurns(), planner.works) == (
-        *(0.25, 0.25, 3, -3),
-        True,
-    )
+    assert (planner.share, planner.getShare(), planner.turns, planner.works) == (0.25, 0.25, 3, True)
     planner.setShare(1)
     assert planner.share == 1.0
     assert isinstance(planner.share, float)
-    assert planner.part.length == planner.length == 4.0
-    planner.part.length = 6.0
-    assert planner.getLength() == 6.0
+    assert planner.length == 4.0
     assert (other.share, other.length) == (0.5, 2.0)
 
 
@@ -94,27 +73,43 @@ def test_what_makes_no_sense_is_refused_in_the_same_words_everywhere(point, name
         planner.setParameter(name, value)
     with pytest.raises(InputError, match=message):
         Declared(point, **{name: value})
+    if name in parameters_of(Declared):
+        with pytest.raises(InputError, match=message):
+            setattr(planner, name, value)
 
 
-def test_help_finds_methods_with_their_words():
-    assert Declared.setLength.__qualname__ == "Declared.setLength"
-    assert "length : float > 0, default 2.0 [m]\n    A length." in Declared.setLength.__doc__
-    assert Declared.getTurns.__doc__ == "Return the turns in another way."
-    assert list(inspect.signature(Declared).parameters)[:4] == ["si", "name", "share", "length"]
-    text = inspect.getdoc(Declared)
-    assert text.index("turns : int >= 1, default 3") < text.index("References\n----------")
+def entry(key, declared):
+    """Return the line of a docstring that describes a parameter, without its unit."""
+    kind = type(declared.default).__name__
+    if kind != "bool":
+        kind += f" >= {declared.at_least:g}" if declared.above is None else f" > {declared.above:g}"
+        kind += "" if declared.at_most is None else f", <= {declared.at_most:g}"
+    default = "1 / 3" if declared.default == 1 / 3 else repr(declared.default)
+    return f"    {key} : {kind}, default {default}"
 
 
 @pytest.mark.parametrize("name", [*OURS, *PRINTED])
-def test_every_parameter_has_words_and_comes_back(si, name):
+def test_every_parameter_is_described_as_it_is_and_has_ompls_methods(si, name):
     planner = make_planner(name, si)
     assert inspect.getmro(type(planner)).index(ob.Planner) <= 2, "parts instead of parents"
     for key, declared in parameters_of(type(planner)).items():
-        assert declared.doc.endswith(".")
-        assert key in type(planner).__doc__
-        value = getattr(planner, key)
+        owner = SafePlanner if key == "range" else type(planner)
+        assert re.search(rf"^{re.escape(entry(key, declared))}( \[\w+\])?$", owner.__doc__, re.MULTILINE)
+        before = declared.default
+        value = {bool: not before, int: before + 1, float: before / 2 + 0.25}[type(before)]
         getattr(planner, f"set{camel_case(key)}")(value)
-        assert getattr(planner, key) == value
+        assert getattr(planner, key) == getattr(planner, f"get{camel_case(key)}")() == value != before
+
+
+@pytest.mark.parametrize("name", ["SafeRRTConnect", "SafePRM", "SafeJTRRT", "BubblePlanner"])
+def test_values_that_are_set_at_any_time_reach_the_parts(si, name):
+    planner = make_planner(name, si, {"alpha": 0.5})
+    planner.setup()
+    assert (planner._danger.alpha, planner._margin.largest) == (0.5, 0.05)
+    planner.setAlpha(0.25)
+    planner.clearance = 0.02
+    planner.setup()
+    assert (planner._danger.alpha, planner._margin.largest) == (0.25, 0.02)
 
 
 # --------------------------------------------------------------------------------------------------------- by name
