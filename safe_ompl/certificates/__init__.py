@@ -14,7 +14,7 @@ if TYPE_CHECKING:
         program_certificate as program_certificate,
         terms_of as terms_of,
     )
-    from safe_ompl.certificates.verifier.program import Cell as Cell, verify_program as verify_program
+    from safe_ompl.certificates.verifier.program import RecordedCell as RecordedCell, verify_program as verify_program
     from safe_ompl.certificates.verifier.verify import TIME as TIME, Verified as Verified, verify as verify
 
 __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -57,7 +57,7 @@ def _rounded(value: float, way: str) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Clearance(Section):
+class ClaimedClearance(Section):
     """The links keep a distance [m] from obstacles."""
 
     distance: float = key(document.number, at_least=0.0)
@@ -73,7 +73,7 @@ class Clearance(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MovingObstacles(Section):
+class ClaimedObstacles(Section):
     """The same holds while obstacles move no faster than their speeds [m/s], for a time [s]."""
 
     speeds: Mapping[str, float] = key(document.by_name, read=document.number, at_least=0.0, least="obstacle")
@@ -97,7 +97,7 @@ def _direction(key: str, value: Any) -> FloatArray:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Orientation(Section):
+class ClaimedOrientation(Section):
     """An axis of the tip stays within an angle [rad] of a direction in the world."""
 
     axis: FloatArray = key(_direction)
@@ -111,10 +111,10 @@ class Orientation(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tool(Section):
+class ClaimedTool(Section):
     """Limits of the tool: an orientation, bounds of the tip's position [m] by axis, or both."""
 
-    orientation: Orientation | None = key(document.section, default=None, kind=Orientation)
+    orientation: ClaimedOrientation | None = key(document.section, default=None, kind=ClaimedOrientation)
     position: Mapping[str, tuple[float, ...]] | None = key(
         document.by_name, default=None, read=document.numbers, count=2, known="xyz", least="axis"
     )
@@ -138,7 +138,7 @@ def _bounds(axis: str, low: float, high: float) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Danger(Section):
+class ClaimedDanger(Section):
     """The danger of a path has a bound: of which kind it is, and how far the danger points are apart [m]."""
 
     bound: float = key(document.number, at_least=0.0)
@@ -159,7 +159,7 @@ class Danger(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MovingDanger(Danger):
+class ClaimedMovingDanger(ClaimedDanger):
     """The danger of a motion in time has a bound."""
 
     k2: float = key(document.number, at_least=0.0)
@@ -174,7 +174,7 @@ class MovingDanger(Danger):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stops(Section):
+class ClaimedStops(Section):
     """At whatever instant a person begins to run, the robot stands before they are nearer than the clearance [m]."""
 
     who: tuple[str, ...] = key(document.each, read=document.line, least="obstacle")
@@ -237,7 +237,7 @@ class Piece(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TimedMotion(Section):
+class ClaimedTrajectory(Section):
     """The path in time: its curve, its time law or the plan that is averaged over a window, and its limits."""
 
     pieces: tuple[Piece, ...] = key(document.each, read=document.section, kind=Piece, least="piece")
@@ -247,12 +247,12 @@ class TimedMotion(Section):
     duration: float = key(document.number, above=0.0)
     velocity: FloatArray = key(document.array)
     acceleration: FloatArray = key(document.array)
-    stops: Stops | None = key(document.section, default=None, kind=Stops)
+    stops: ClaimedStops | None = key(document.section, default=None, kind=ClaimedStops)
     window: float | None = key(document.number, default=None, above=0.0)
     jerk: FloatArray | None = key(document.array, default=None)
     tool_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])
     link_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])
-    danger: MovingDanger | None = key(document.section, default=None, kind=MovingDanger)
+    danger: ClaimedMovingDanger | None = key(document.section, default=None, kind=ClaimedMovingDanger)
 
     def check_for(self, robot: Robot, scene: Scene) -> None:
         """Raise InputError unless the claims have a meaning for robot and scene."""
@@ -284,7 +284,7 @@ class TimedMotion(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolynomialMotion(Section):
+class ClaimedMotion(Section):
     """Polynomials one after another, q(t) = Σ_k c_k u^k with u from 0 to 1 on each, and what may lie about them."""
 
     times: FloatArray = key(document.array)
@@ -340,15 +340,15 @@ class PolynomialMotion(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Claimed(Section):
+class ClaimedStretch(Section):
     """What is claimed of one motion."""
 
-    motion: PolynomialMotion = key(document.section, kind=PolynomialMotion)
-    clearance: Clearance | None = key(document.section, default=None, kind=Clearance)
-    danger: Danger | None = key(document.section, default=None, kind=Danger)
-    moving_obstacles: MovingObstacles | None = key(document.section, default=None, kind=MovingObstacles)
-    tool: Tool | None = key(document.section, default=None, kind=Tool)
-    trajectory: TimedMotion | None = key(document.section, default=None, kind=TimedMotion)
+    motion: ClaimedMotion = key(document.section, kind=ClaimedMotion)
+    clearance: ClaimedClearance | None = key(document.section, default=None, kind=ClaimedClearance)
+    danger: ClaimedDanger | None = key(document.section, default=None, kind=ClaimedDanger)
+    moving_obstacles: ClaimedObstacles | None = key(document.section, default=None, kind=ClaimedObstacles)
+    tool: ClaimedTool | None = key(document.section, default=None, kind=ClaimedTool)
+    trajectory: ClaimedTrajectory | None = key(document.section, default=None, kind=ClaimedTrajectory)
     margin: float | None = key(document.number, default=None, above=0.0)
     tube: FloatArray | None = key(document.array, default=None)
 
@@ -403,7 +403,7 @@ class Claimed(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Certificate(Claimed):
+class Certificate(ClaimedStretch):
     """All that the certificate of one motion says."""
 
     format: str = key(document.one_of, known=[schema.FORMAT])
@@ -428,7 +428,7 @@ class Certificate(Claimed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Contact(Section):
+class ClaimedContact(Section):
     """Links, or objects that are held, may touch an obstacle, or an object that is held, to a depth [m]."""
 
     links: tuple[str, ...] = key(document.each, read=document.line, least="link")
@@ -437,7 +437,7 @@ class Contact(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StretchClaims(Claimed):
+class StretchClaims(ClaimedStretch):
     """One stretch of a program: what changes hands before it, what may touch on it, its motion, what is claimed."""
 
     # The step in words. The verifier neither reads nor prints it.
@@ -446,7 +446,7 @@ class StretchClaims(Claimed):
     detach: tuple[str, ...] = key(document.each, default=(), read=document.line)
     # The objects that are taken before the stretch, with the tip that takes each.
     attach: Mapping[str, str] = key(document.by_name, factory=dict, read=document.line)
-    contacts: tuple[Contact, ...] = key(document.each, default=(), read=document.section, kind=Contact)
+    contacts: tuple[ClaimedContact, ...] = key(document.each, default=(), read=document.section, kind=ClaimedContact)
 
 
 @dataclass(frozen=True, kw_only=True)

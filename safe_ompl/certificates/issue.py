@@ -20,12 +20,12 @@ from safe_ompl.certificates.claims import (
     PROGRAM_FORMAT,
     PROGRAM_VERSION,
     Certificate,
-    Clearance,
-    MovingObstacles,
+    ClaimedClearance,
+    ClaimedObstacles,
+    ClaimedTool,
     StretchClaims,
-    Tool,
 )
-from safe_ompl.certificates.verifier.program import Cell, verify_program
+from safe_ompl.certificates.verifier.program import RecordedCell, verify_program
 from safe_ompl.certificates.verifier.verify import Terms, verify
 from safe_ompl.collision import (
     CollisionChecker,
@@ -94,9 +94,9 @@ class Claims(document.Section):
         reports that it is not covered.
     """
 
-    clearance: Clearance | None = key(document.section, default=None, kind=Clearance)
-    moving_obstacles: MovingObstacles | None = key(document.section, default=None, kind=MovingObstacles)
-    tool: Tool | None = key(document.section, default=None, kind=Tool)
+    clearance: ClaimedClearance | None = key(document.section, default=None, kind=ClaimedClearance)
+    moving_obstacles: ClaimedObstacles | None = key(document.section, default=None, kind=ClaimedObstacles)
+    tool: ClaimedTool | None = key(document.section, default=None, kind=ClaimedTool)
     tube: FloatArray | None = key(_widths, default=None)
     spacing: float | None = key(document.number, default=None, above=0.0)
     max_danger: float | None = key(document.number, default=None, above=0.0)
@@ -391,7 +391,7 @@ def program_certificate(
         raise InputError("must be one stretch at least, got none", "stretches")
     first = parts[0][1].proof.checker
     robot, scene = begin or (first.robot, first.scene.untouched()[0])
-    cell, said, end = Cell(robot, scene), list[dict[str, Any]](), float(parts[0][0])
+    cell, said, end = RecordedCell(robot, scene), list[dict[str, Any]](), float(parts[0][0])
     for k, (start, check) in enumerate(parts):
         with within(f"stretch {k}", ": "):
             if abs(start - end) > _SAME_TIME and check.motion.timed:
@@ -412,7 +412,7 @@ def program_certificate(
     return found
 
 
-def _changes(cell: Cell, check: MotionCheck) -> dict[str, Any]:
+def _changes(cell: RecordedCell, check: MotionCheck) -> dict[str, Any]:
     """Return which objects change hands before a stretch, and which contacts are allowed on it."""
     robot, (_, touched) = check.proof.checker.robot, check.proof.checker.scene.untouched()
     held = {item.name: item for item in robot.spec.attached}

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.certificates import Cell, ProgramCertificate
+from safe_ompl.certificates import ProgramCertificate, RecordedCell
 from safe_ompl.common import FloatArray, InputError, documents as document, finite_array
 from safe_ompl.danger import DangerField
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
@@ -158,7 +158,7 @@ class ViewerContent:
         """Return what the certificate of a program is about; it is shown, not verified. Errors as `of_certificate`."""
         program = ProgramCertificate.read(content)
         robot, scene = built_robot(program.robot, package_dirs=package_dirs), built_scene(program.scene)
-        cell, stages, begin = Cell(robot, scene), [], 0.0
+        cell, stages, begin = RecordedCell(robot, scene), [], 0.0
         for k, stretch in enumerate(program.stretches):
             motion = Motion.from_mapping({**content["stretches"][k]["motion"], "joint_names": program.joint_names})
             cell.change(stretch, motion.knots[0])

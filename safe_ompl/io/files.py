@@ -11,7 +11,7 @@ import numpy as np
 from safe_ompl.common import Counts, InputError, documents as document, files, finite_array
 from safe_ompl.io.motion_files import motion_content, motion_of_document, read_motion
 from safe_ompl.io.motions import JointPath, TimedMotion
-from safe_ompl.io.problems import Problem, built_scene, carried_scene
+from safe_ompl.io.problems import CarriedProblem, built_scene, carried_scene
 from safe_ompl.io.schema import kind_of, marked, strict_json
 from safe_ompl.motions import Motion, Trajectory
 from safe_ompl.planning import Improvement, PlanResult
@@ -25,7 +25,7 @@ def result_to_mapping(result: PlanResult, meshes: bool | None = None) -> dict[st
     """Return a result as plain data, with its robot, scene and danger where it has them; `meshes` as in `save`."""
     about = None
     if result.robot is not None and result.scene is not None:
-        about = Problem(result.robot, result.scene, result.danger).to_mapping(meshes)
+        about = CarriedProblem(result.robot, result.scene, result.danger).to_mapping(meshes)
     return {**result.as_dict(), "problem": about}
 
 
@@ -39,7 +39,7 @@ def result_from_mapping(
     about = data.get("problem")
     scene = danger = None
     if about is not None:
-        robot, scene, danger = Problem.from_mapping(about, robot, package_dirs)
+        robot, scene, danger = CarriedProblem.from_mapping(about, robot, package_dirs)
     return PlanResult(
         status=document.text("status", document.require(data, "status")),
         path=None if path is None else finite_array(path, (None, len(names)), "path"),

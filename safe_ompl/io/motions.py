@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, documents as document, finite_array, float_array, listed, shown
-from safe_ompl.io.problems import Problem
+from safe_ompl.io.problems import CarriedProblem
 from safe_ompl.motions import RATE, Trajectory
 from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
@@ -239,7 +239,7 @@ class TimedMotion:
             "speeds": self.speeds.tolist(),
             "bounds": {name: values.tolist() for name, values in self.bounds.items()},
             "binding": list(self.binding),
-            "problem": Problem(self.robot, self.scene, self.danger).to_mapping(),
+            "problem": CarriedProblem(self.robot, self.scene, self.danger).to_mapping(),
         }
 
     @classmethod
@@ -247,7 +247,7 @@ class TimedMotion:
         cls, data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[Path] = ()
     ) -> TimedMotion:
         """Read the file of a trajectory, as `safe-ompl plan --trajectory` writes it; see `load`."""
-        about = Problem.from_mapping(document.require(data, "problem"), robot, package_dirs)
+        about = CarriedProblem.from_mapping(document.require(data, "problem"), robot, package_dirs)
         points = document.sequence("points", document.require(data, "points"))
         bounds = document.by_name("bounds", document.require(data, "bounds"), document.sequence)
         return cls(

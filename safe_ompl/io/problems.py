@@ -309,7 +309,7 @@ def built_scene(carried: Any) -> Scene:
     return scene
 
 
-class Problem(NamedTuple):
+class CarriedProblem(NamedTuple):
     """Robot, scene, and the options of the danger field."""
 
     robot: Robot
@@ -325,7 +325,9 @@ class Problem(NamedTuple):
         }
 
     @classmethod
-    def from_mapping(cls, data: object, robot: Robot | None = None, package_dirs: Sequence[Path] = ()) -> Problem:
+    def from_mapping(
+        cls, data: object, robot: Robot | None = None, package_dirs: Sequence[Path] = ()
+    ) -> CarriedProblem:
         """Read it from a document; `robot` is used where it is given, and else built. Errors as of `load`."""
         with document.within("problem"):
             carried = document.mapping("carried", data)

@@ -14,8 +14,8 @@ from hypothesis import assume, given, settings, strategies as st
 from signing import signed
 
 from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Scene, certificate, verify
-from safe_ompl.certificates.claims import Danger
-from safe_ompl.certificates.verifier.bodies import ENDLESS, Stretch, farthest
+from safe_ompl.certificates.claims import ClaimedDanger
+from safe_ompl.certificates.verifier.bodies import ENDLESS, PlainCurve, farthest
 from safe_ompl.certificates.verifier.danger import PlainDanger
 from safe_ompl.certificates.verifier.verify import Terms
 from safe_ompl.common import CertificateError, InputError, PlanningError
@@ -218,8 +218,8 @@ def test_a_claim_of_danger(robot_named, clutter, name, aggregate, weighting):
     field = DangerField(robot, points, weights, aggregate=aggregate, weighting=weighting, k1=2.0, sharpness=3.0)
     content = certificate(path, robot, scene, {"spacing": 0.1}, field=field)
     assert verify(content, robot, scene).edges == 2
-    plain = PlainDanger(robot, scene, Danger.from_mapping(content["danger"]), ENDLESS)
-    still = Stretch("still", path[[0, 0]])
+    plain = PlainDanger(robot, scene, ClaimedDanger.from_mapping(content["danger"]), ENDLESS)
+    still = PlainCurve("still", path[[0, 0]])
     assert plain.exceeded(still, field.value(path[0]) * (1 + 1e-5)) is None
     assert plain.exceeded(still, field.value(path[0]) * (1 - 1e-5)) is not None
     t = np.linspace(0, 1, 500)[:, None]

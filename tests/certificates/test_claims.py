@@ -8,8 +8,8 @@ import pytest
 from signing import signed
 
 from safe_ompl import CertificateError, Obstacle, PlanningError, Pose, SafeSetup, certificate, verify
-from safe_ompl.certificates.claims import Tool
-from safe_ompl.certificates.verifier.bodies import PlainTool, Stretch
+from safe_ompl.certificates.claims import ClaimedTool
+from safe_ompl.certificates.verifier.bodies import PlainCurve, PlainTool
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.6, -1.5, 0.5, 0.1, 0, 0]])
 T = np.linspace(0.0, 1.0, 300)[:, None]
@@ -115,7 +115,9 @@ def test_what_the_verifier_accepts_of_a_tool_holds_at_every_sample(robot_named, 
         delta = robot.difference(start, end)
         tips = [robot.tip_pose(start + t * delta) for t in T]
         claim = tool(tips[:1], rng.uniform(0.2, 1.2), rng.uniform(0.05, 0.5))
-        if PlainTool(robot, Tool.from_mapping(claim)).exceeded(Stretch("edge", np.array([start, start + delta]))):
+        if PlainTool(robot, ClaimedTool.from_mapping(claim)).exceeded(
+            PlainCurve("edge", np.array([start, start + delta]))
+        ):
             continue
         accepted += 1
         low, high = np.transpose(list(claim["position"].values()))

@@ -21,7 +21,7 @@ from safe_ompl import (
     RateLimits,
 )
 from safe_ompl.certificates import certificate, motion_certificate, verify
-from safe_ompl.certificates.claims import PolynomialMotion
+from safe_ompl.certificates.claims import ClaimedMotion
 from safe_ompl.certificates.verifier.bodies import Separations
 from safe_ompl.certificates.verifier.polynomials import RecordedMotion, check_polynomials
 from safe_ompl.certificates.verifier.verify import Terms
@@ -337,7 +337,7 @@ def test_what_the_verifier_accepts_touches_nothing_and_what_is_proven_it_accepts
         tube = rng.choice([0.0, 0.005, 0.03]) * rng.uniform(0, 1, robot.n)
         said = motion.to_mapping()
         keys = ("times", "coefficients", "timed", "rounding")
-        claim = PolynomialMotion.from_mapping({key: said[key] for key in keys if key in said})
+        claim = ClaimedMotion.from_mapping({key: said[key] for key in keys if key in said})
         claims = OfTube(claim, tube)
         try:
             check_polynomials(claims, robot, clutter, Separations(robot, clutter, claims), RecordedMotion(claim))

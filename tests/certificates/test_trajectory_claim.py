@@ -11,7 +11,7 @@ from signing import signed
 
 from safe_ompl import CertificateError, DangerField, InputError, KinetostaticField, Obstacle, People, Robot
 from safe_ompl.certificates import certificate, verify
-from safe_ompl.certificates.claims import TimedMotion, at_most
+from safe_ompl.certificates.claims import ClaimedTrajectory, at_most
 from safe_ompl.certificates.verifier.bodies import Budget, PlainSpeeds
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.certificates.verifier.verify import Terms
@@ -283,7 +283,7 @@ def test_no_place_within_a_long_cell_is_faster_than_claimed(ur5):
 
 def again_long(claim):
     """Claim the duration that the motion has."""
-    plain = PlainMotion(TimedMotion.from_mapping(claim), Robot.from_example("ur5"), (PATH[0], PATH[-1]))
+    plain = PlainMotion(ClaimedTrajectory.from_mapping(claim), Robot.from_example("ur5"), (PATH[0], PATH[-1]))
     claim["duration"] = plain.duration
 
 

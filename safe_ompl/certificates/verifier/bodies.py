@@ -22,7 +22,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.certificates.claims import Claimed, Tool
+from safe_ompl.certificates.claims import ClaimedStretch, ClaimedTool
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.common import CertificateError, FloatArray, clock
 from safe_ompl.io import schema
@@ -51,7 +51,7 @@ class Budget:
 ENDLESS = Budget(inf)
 
 
-class Stretch(NamedTuple):
+class PlainCurve(NamedTuple):
     """A Bézier curve by its control points (d + 1, n), t from 0 to 1, and how far joints may be from it."""
 
     name: str
@@ -74,7 +74,7 @@ class Stretch(NamedTuple):
 class Separations:
     """Distances of bodies and obstacles by `names`, pair by pair, how far these can approach, what they must keep."""
 
-    def __init__(self, robot: Robot, scene: Scene, claims: Claimed, budget: Budget = ENDLESS) -> None:
+    def __init__(self, robot: Robot, scene: Scene, claims: ClaimedStretch, budget: Budget = ENDLESS) -> None:
         self._robot, self._data, self.budget = robot, robot.shared.model.createData(), budget
         self._links = list(robot.shared.collision_model.geometryObjects)
         self._points = [corners(link.geometry) for link in self._links]
@@ -293,12 +293,12 @@ _TOOL_ROUNDING = 1e-7  # [rad or m]
 class PlainTool:
     """Angle and position of the tip that are claimed, and how far they can change."""
 
-    def __init__(self, robot: Robot, claim: Tool, budget: Budget = ENDLESS) -> None:
+    def __init__(self, robot: Robot, claim: ClaimedTool, budget: Budget = ENDLESS) -> None:
         self._robot, self._claim, self._budget = robot, claim, budget
         self._model, self._data = robot.shared.model, robot.shared.model.createData()
         self._movers = joints_below(robot, int(self._model.frames[robot.tip_frame].parentJoint))
 
-    def exceeded(self, stretch: Stretch) -> tuple[float, str] | None:
+    def exceeded(self, stretch: PlainCurve) -> tuple[float, str] | None:
         """Return where on a stretch, and which limit is not proven to be kept; else None."""
         place, steps, tube = stretch.place, stretch.steps, stretch.width
         waiting = [(0.5, 0.5)]

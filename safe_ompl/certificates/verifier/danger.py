@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.certificates.claims import Claimed, Danger, MovingDanger
-from safe_ompl.certificates.verifier.bodies import Budget, PlainTool, Stretch, bend_bound, joint_lines, joints_below
+from safe_ompl.certificates.claims import ClaimedDanger, ClaimedMovingDanger, ClaimedStretch
+from safe_ompl.certificates.verifier.bodies import Budget, PlainCurve, PlainTool, bend_bound, joint_lines, joints_below
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.common import CertificateError, FloatArray, IntArray, within
 from safe_ompl.robot import Robot
@@ -42,7 +42,7 @@ class PlainDanger:
     D/(D − δ) times what it was, at most. The danger points, (M, 3), are one at least.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, claim: Danger, budget: Budget) -> None:
+    def __init__(self, robot: Robot, scene: Scene, claim: ClaimedDanger, budget: Budget) -> None:
         self._robot, self._claim, self._budget = robot, claim, budget
         self._data = robot.shared.model.createData()
         with within("danger"):  # which may ask for too many points
@@ -50,7 +50,7 @@ class PlainDanger:
         if not len(self.points):
             self.points, self.weights = np.full((1, 3), 1e9), np.ones(1)
 
-    def exceeded(self, stretch: Stretch, limit: float) -> tuple[float, float] | None:
+    def exceeded(self, stretch: PlainCurve, limit: float) -> tuple[float, float] | None:
         """Return where on a stretch, and by how much, a danger is not proven to keep to a limit; else None."""
         place, steps, tube = stretch.place, stretch.steps, stretch.width
         waiting = [(0.5, 0.5)]
@@ -108,7 +108,7 @@ class PlainDanger:
 
 
 def check_danger_and_tool(
-    claims: Claimed, robot: Robot, scene: Scene, stretches: Iterable[Stretch], budget: Budget
+    claims: ClaimedStretch, robot: Robot, scene: Scene, stretches: Iterable[PlainCurve], budget: Budget
 ) -> None:
     """Raise CertificateError unless the danger and the tool keep to what is claimed on all stretches of a motion."""
     danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger, budget)
@@ -126,7 +126,7 @@ def check_danger_and_tool(
             raise CertificateError(f"{stretch.name}: {words}")
 
 
-class _Interval(NamedTuple):
+class _MovingInterval(NamedTuple):
     """What key points (K) and links (L) do in an interval of a curve: at its middle, and at most."""
 
     half: float
@@ -140,7 +140,7 @@ class _Interval(NamedTuple):
 class PlainMovingDanger:
     """The danger of a robot that moves in a scene, of the kind that is claimed."""
 
-    def __init__(self, robot: Robot, scene: Scene, claim: MovingDanger, budget: Budget) -> None:
+    def __init__(self, robot: Robot, scene: Scene, claim: ClaimedMovingDanger, budget: Budget) -> None:
         self._robot, self._claim, self._budget = robot, claim, budget
         self._still = PlainDanger(robot, scene, claim, budget)
         self._model, self._data = robot.shared.model, robot.shared.model.createData()
@@ -171,7 +171,7 @@ class PlainMovingDanger:
                 waiting += [(first, middle, finer, points), (middle, last, finer, points)]
         return None
 
-    def _above(self, interval: _Interval, rates: tuple[float, float], points: IntArray, parts: int) -> IntArray:
+    def _above(self, interval: _MovingInterval, rates: tuple[float, float], points: IntArray, parts: int) -> IntArray:
         """Return those of some danger points whose danger is not proven to keep to the bound; all or none of a sum."""
         claim, still = self._claim, self._still
         levels, pushes = self._bounds(interval, still.points[points], parts)
@@ -184,7 +184,7 @@ class PlainMovingDanger:
         above = max(still.aggregated(field) for field in fields) > limit
         return points if above else points[:0]
 
-    def _bounds(self, interval: _Interval, points: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
+    def _bounds(self, interval: _MovingInterval, points: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
         """Return bounds (M,) of φ and of φ′ + γI in an interval; without parts only what the distances say."""
         h, V, A = interval.half, interval.speeds[:, None], interval.bends[:, None]
         a, b = (interval.places[side, None] for side in self._ends)
@@ -213,7 +213,7 @@ class PlainMovingDanger:
         return np.where(reached, np.inf, level), np.where(reached, np.inf, push)
 
     def _isotropic(
-        self, interval: _Interval, u: FloatArray, w: FloatArray, away: FloatArray, length: FloatArray, parts: int
+        self, interval: _MovingInterval, u: FloatArray, w: FloatArray, away: FloatArray, length: FloatArray, parts: int
     ) -> FloatArray:
         """Return a bound (L, M) of ∫‖x′‖/‖ρ‖² dt, with chords of ‖x′‖ over parts of the links."""
         t = np.linspace(0.0, 1.0, parts + 1)
@@ -230,7 +230,7 @@ class PlainMovingDanger:
         found: FloatArray = (slope * logs + at_nearest / h * angles).sum(axis=2) / squared
         return np.where(length > _SHORT, found, speeds.max(axis=2) / np.maximum(away, _TINY) ** 2)
 
-    def _interval(self, piece: PlainPiece, middle: float, half: float) -> _Interval:
+    def _interval(self, piece: PlainPiece, middle: float, half: float) -> _MovingInterval:
         robot, model = self._robot, self._model
         q, coupling = piece.at(middle), robot.coupling
         places = robot.keypoints(q)
@@ -248,7 +248,7 @@ class PlainMovingDanger:
         speeds = _norm(velocities) + half * bends
         both = [np.maximum(*(of[side] for side in self._ends)) for of in (speeds, bends)]
         strokes = float(steps[robot.joint_prismatic].sum())
-        return _Interval(half, places, velocities, both[0], both[1], strokes)
+        return _MovingInterval(half, places, velocities, both[0], both[1], strokes)
 
 
 def _static(

@@ -16,7 +16,7 @@ from math import sqrt
 
 import numpy as np
 
-from safe_ompl.certificates.claims import TimedMotion
+from safe_ompl.certificates.claims import ClaimedTrajectory
 from safe_ompl.common import BoolArray, CertificateError, FloatArray
 from safe_ompl.robot import Robot
 
@@ -80,7 +80,7 @@ class PlainMotion:
     any case, `fastest` a bound of ṡ.
     """
 
-    def __init__(self, claim: TimedMotion, robot: Robot, ends: tuple[FloatArray, FloatArray]) -> None:
+    def __init__(self, claim: ClaimedTrajectory, robot: Robot, ends: tuple[FloatArray, FloatArray]) -> None:
         self.pieces = [PlainPiece(p.start, p.slope, p.bend, p.swing, p.length) for p in claim.pieces]
         for k, piece in enumerate(self.pieces):
             if not piece.length <= _LONGEST:

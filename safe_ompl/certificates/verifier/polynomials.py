@@ -17,8 +17,8 @@ from math import comb, factorial, perm
 
 import numpy as np
 
-from safe_ompl.certificates.claims import Claimed, PolynomialMotion
-from safe_ompl.certificates.verifier.bodies import GJK, Separations, Stretch, plain_name
+from safe_ompl.certificates.claims import ClaimedMotion, ClaimedStretch
+from safe_ompl.certificates.verifier.bodies import GJK, PlainCurve, Separations, plain_name
 from safe_ompl.certificates.verifier.danger import check_danger_and_tool
 from safe_ompl.common import CertificateError, FloatArray
 from safe_ompl.robot import Robot
@@ -37,7 +37,7 @@ _ROUNDING = 1e-13  # relative, of fifty halvings
 class RecordedMotion:
     """The polynomials of a motion by their control points, and where the motion before it, if there is one, ends."""
 
-    def __init__(self, claim: PolynomialMotion, before: RecordedMotion | None = None) -> None:
+    def __init__(self, claim: ClaimedMotion, before: RecordedMotion | None = None) -> None:
         spans = [Fraction(end) - Fraction(start) for start, end in pairwise(claim.times.tolist())]
         self.claim, self.before = claim, before
         self.pieces = [derivatives(*piece) for piece in zip(claim.coefficients, spans, strict=True)]
@@ -73,11 +73,11 @@ class RecordedMotion:
 
 
 def check_polynomials(
-    claims: Claimed, robot: Robot, scene: Scene, separations: Separations, motion: RecordedMotion
+    claims: ClaimedStretch, robot: Robot, scene: Scene, separations: Separations, motion: RecordedMotion
 ) -> tuple[int, int]:
     """Return the number of parts and distances that it took; a CertificateError unless all that is claimed holds."""
     allowed = _allowed(motion)
-    exact = [Stretch(f"piece {k} of the motion", piece[0], allowed[k]) for k, piece in enumerate(motion.pieces)]
+    exact = [PlainCurve(f"piece {k} of the motion", piece[0], allowed[k]) for k, piece in enumerate(motion.pieces)]
     check_limits(robot, exact)
     _check_rates(motion, robot)
     tube = 0.0 if claims.tube is None else claims.tube
@@ -87,7 +87,7 @@ def check_polynomials(
 
 
 def check_free(
-    stretches: Sequence[Stretch],
+    stretches: Sequence[PlainCurve],
     separations: Separations,
     more: Callable[[str, int, float, float], float] | None = None,
 ) -> tuple[int, int]:
@@ -178,7 +178,7 @@ def _allowed(motion: RecordedMotion) -> FloatArray:
     return jumps
 
 
-def check_limits(robot: Robot, stretches: Iterable[Stretch]) -> None:
+def check_limits(robot: Robot, stretches: Iterable[PlainCurve]) -> None:
     """Raise CertificateError unless joints keep to their limits on all stretches."""
     low = np.where(robot.continuous, -_FARTHEST, robot.lower - _WITHIN)
     high = np.where(robot.continuous, _FARTHEST, robot.upper + _WITHIN)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.certificates.claims import RATES, Contact, ProgramCertificate, StretchClaims, at_most
+from safe_ompl.certificates.claims import RATES, ClaimedContact, ProgramCertificate, StretchClaims, at_most
 from safe_ompl.certificates.verifier.bodies import Budget
 from safe_ompl.certificates.verifier.polynomials import RecordedMotion
 from safe_ompl.certificates.verifier.verify import (
@@ -39,7 +39,7 @@ from safe_ompl.scene import CONTACT_DEPTH, Attach, Detach, Program, Scene, Step
 _DEEPER = 1e-9
 
 
-class Cell:
+class RecordedCell:
     """The robot and the scene of a program as objects change hands.
 
     Attributes
@@ -77,7 +77,7 @@ class Cell:
             self.held[name] = Attachment(name, taken.shape, link, Pose.of(place))
             self.scene = self.scene.without(name)
 
-    def during(self, contacts: Iterable[Contact]) -> tuple[Robot, Scene]:
+    def during(self, contacts: Iterable[ClaimedContact]) -> tuple[Robot, Scene]:
         """Return robot and scene while some contacts are allowed."""
         robot, scene, held = self._empty, self.scene, dict(self.held)
         for contact in contacts:
@@ -165,7 +165,7 @@ def verify_program(
     with malformed_refused():
         program = ProgramCertificate.read(content)
         about = origin(program, robot, scene, package_dirs)
-        cell, last, counts = Cell(about.robot, about.scene), None, np.zeros(3, dtype=int)
+        cell, last, counts = RecordedCell(about.robot, about.scene), None, np.zeros(3, dtype=int)
         allowed = None if terms is None or terms.program is None else _Allowed(terms.program, about.robot)
         for k, stretch in enumerate(program.stretches):
             with _naming(k):

@@ -15,8 +15,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from safe_ompl.certificates.claims import Claimed, Stops
-from safe_ompl.certificates.verifier.bodies import PlainSpeeds, Separations, Stretch
+from safe_ompl.certificates.claims import ClaimedStops, ClaimedStretch
+from safe_ompl.certificates.verifier.bodies import PlainCurve, PlainSpeeds, Separations
 from safe_ompl.certificates.verifier.danger import PlainMovingDanger, check_danger_and_tool
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.certificates.verifier.polynomials import check_free, check_limits, derivatives, rounded
@@ -28,7 +28,7 @@ from safe_ompl.scene import Scene
 _ROUNDING = 1e-9
 
 
-def check_trajectory(claims: Claimed, robot: Robot, scene: Scene, separations: Separations) -> None:
+def check_trajectory(claims: ClaimedStretch, robot: Robot, scene: Scene, separations: Separations) -> None:
     """Raise CertificateError unless the timed motion of a certificate, if it claims one, is as claimed."""
     claim = claims.trajectory
     if claim is None:
@@ -67,7 +67,7 @@ def check_trajectory(claims: Claimed, robot: Robot, scene: Scene, separations: S
         failure = motion.exceeded(squares, pushes, *limits)
         if failure is not None:
             raise CertificateError(f"trajectory: in a stop {failure}")
-        required = Required(motion, scene, stops, latest + motion.window)
+        required = RequiredFromPeople(motion, scene, stops, latest + motion.window)
     check_free(stretches, separations, required)
     check_danger_and_tool(claims, robot, scene, stretches, budget)
 
@@ -123,10 +123,10 @@ def _durations(taken: FloatArray, sizes: FloatArray) -> FloatArray:
     return np.asarray(np.tril(spans).sum(axis=1))
 
 
-class Required:
+class RequiredFromPeople:
     """What bodies must keep from limbs of people on the pieces of a motion, where stops move until `latest: (C,)`."""
 
-    def __init__(self, motion: PlainMotion, scene: Scene, stops: Stops, latest: FloatArray) -> None:
+    def __init__(self, motion: PlainMotion, scene: Scene, stops: ClaimedStops, latest: FloatArray) -> None:
         self._stops, self._latest, self._pieces = stops, latest, motion.pieces
         self._starts, self._edges = motion.starts, motion.edges.tolist()
         self._speeds = {
@@ -148,8 +148,8 @@ class Required:
         return self._stops.clearance + self._speeds[body] * (self._stops.reaction_time + time)
 
 
-def _stretch(k: int, piece: PlainPiece) -> Stretch:
+def _stretch(k: int, piece: PlainPiece) -> PlainCurve:
     powers = [piece.start, piece.first, piece.second / 2, piece.third / 6]
     scaled = np.array([piece.length**order * power for order, power in enumerate(powers)])
     points = derivatives(scaled, Fraction(1))[0]
-    return Stretch(f"piece {k} of the trajectory", points, rounded(points))
+    return PlainCurve(f"piece {k} of the trajectory", points, rounded(points))

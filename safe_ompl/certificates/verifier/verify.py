@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.certificates.claims import Certificate, Claimed, ProgramCertificate, at_most
+from safe_ompl.certificates.claims import Certificate, ClaimedStretch, ProgramCertificate, at_most
 from safe_ompl.certificates.verifier.bodies import Budget, Separations
 from safe_ompl.certificates.verifier.polynomials import RecordedMotion, check_polynomials
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
@@ -153,7 +153,7 @@ def origin(
 
 
 def proven(
-    claims: Claimed, robot: Robot, scene: Scene, budget: Budget, motion: RecordedMotion | None = None
+    claims: ClaimedStretch, robot: Robot, scene: Scene, budget: Budget, motion: RecordedMotion | None = None
 ) -> tuple[int, int, int]:
     """Return the number of pieces, parts and distances that the proof of all that is claimed of a motion took."""
     claims.check_for(robot, scene)
@@ -214,11 +214,11 @@ class Terms:
     # `velocity`, `acceleration` and `jerk` (n,), `tool_speed` and `link_speed`; None where there is no limit
     motion: Mapping[str, Any] | None = None
     max_danger: float | None = None  # The limit of the danger in motion
-    # `who`, `speed`, `speeds`, `reaction_time` and `clearance`, as in `Stops`; empty where there are no people
+    # `who`, `speed`, `speeds`, `reaction_time` and `clearance`, as in `ClaimedStops`; empty where there are no people
     stops: Mapping[str, Any] | None = None
     program: Program | None = None  # What may change hands, and which contacts are allowed
 
-    def check(self, claims: Claimed) -> None:
+    def check(self, claims: ClaimedStretch) -> None:
         """Raise CertificateError, naming what differs, unless everything that is claimed agrees."""
         timed, motion = claims.trajectory, claims.motion
         self._compare("danger", claims.danger, self.danger)
