@@ -31,6 +31,8 @@ SCALAR = [
     "safe_ompl.danger.moving",
     "safe_ompl.planning.simplification.costs",
     "safe_ompl.geometry.surface_points",
+    "safe_ompl.motions.bodies",
+    "safe_ompl.motions.laws",
     "safe_ompl.drawing.rendering",
 ]
 # Modules that compute several numbers side by side, by SIMD instructions. NAME.pyx is compiled for all processors, and

@@ -15,12 +15,19 @@ from safe_ompl.danger.kernels import danger as numba_danger, kinetostatic as num
 from safe_ompl.drawing import rasteriser
 from safe_ompl.geometry import surfaces as numba_surfaces
 from safe_ompl.geometry.kernels import extreme_vertices
+from safe_ompl.motions import (
+    cells as numba_cells,
+    contact as numba_contact,
+    kernels as numba_laws,
+    separation as numba_separation,
+    stops as numba_stops,
+)
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.simplification import cost as numba_cost, descent, edges, measures
 from safe_ompl.robot import kernels as numba_robot, motion_limits
 
 ROOT = Path(safe_ompl.__file__).parents[1]
-PACKAGES = ("common", "robot", "geometry", "collision", "danger", "planning.simplification", "view")
+PACKAGES = ("common", "robot", "geometry", "collision", "danger", "motions", "planning.simplification", "view")
 pytestmark = [
     pytest.mark.end_to_end,
     pytest.mark.skipif(not (ROOT / "setup.py").exists(), reason="the modules are built from a checkout"),
@@ -232,3 +239,126 @@ def test_points_and_pictures(built, rng):
     nearness, owner = np.full((90, 100), -np.inf, np.float32), np.full((90, 100), -1, np.int32)
     rendering.draw_triangles(corners, faces, 0, nearness, owner)
     same(rasteriser.nearest_triangles(corners, faces, 100, 90), (nearness, owner))
+
+
+@pytest.fixture
+def grid(rng):
+    """Return N cells of a curve of n joints: lengths, boxes, limits of accelerations, and ends of stretches."""
+    N, n = 40, 6
+    sizes, rates = rng.uniform(0.001, 0.3, N), rng.normal(size=(4, N, n))
+    rates[rng.uniform(size=rates.shape) < 0.1] = 0.0
+    low, high, bent, more = np.sort(rates[:2], axis=0).tolist() + np.sort(rates[2:], axis=0).tolist()
+    ends = np.where(np.arange(N) < 25, 24, N - 1)
+    return sizes, numba_laws.Boxes(*map(np.array, (low, high, bent, more))), rng.uniform(0.5, 3, n), ends
+
+
+def test_laws_of_motion(built, grid, rng):
+    laws, (sizes, boxes, limits, ends) = built("motions.laws"), grid
+    N, M = len(sizes), 5
+    brakes, caps = rng.uniform(0.2, 2, N), rng.uniform(0.05, 2, N)
+    times, harmless = rng.uniform(-0.1, 3, (N, M)), rng.uniform(0, 0.5, (N, M)) * (rng.uniform(size=(N, M)) < 0.3)
+    times[rng.uniform(size=times.shape) < 0.2] = np.inf
+    known = numba_laws.stopping_speeds(sizes, brakes, times, harmless, caps, ends)
+    assert len({*known[1].tolist()}) > 3
+    assert known[3].any()
+    same(known, laws.stopping_speeds(sizes, brakes, times, harmless, caps, ends))
+    edges, stops = np.concatenate([[0.0], np.cumsum(sizes)]), np.array([7, 25])
+    for width in (np.inf, 0.4):
+        state = edges, rng.uniform(0, 0.5, N), stops, rng.normal(size=(N, 3)), width
+        same(numba_laws.spread(*state), laws.spread(*state))
+    most = rng.uniform(0, 4, N + 1)
+    most[-1] = 0.0
+    same(numba_laws.fastest(sizes, boxes, limits, most), laws.fastest(sizes, boxes, limits, most))
+    squares = caps * caps
+    ceiling = numba_laws.ceilings(sizes, squares, brakes, stops)
+    same(ceiling, laws.ceilings(sizes, squares, brakes, stops))
+    for _ in range(300):
+        s = rng.uniform(0, edges[-1])
+        x = rng.uniform(0, 1.1) * squares[np.searchsorted(edges, s) - 1] * (rng.uniform() < 0.9)
+        start = edges, squares, brakes, ceiling, s, x, rng.choice([-1.0, -0.4, 0.0, 0.3, 1.0]), rng.uniform(0.01, 1)
+        same(numba_laws.drive(*start), laws.drive(*start))
+    calm = boxes._replace(bend_low=0.05 * boxes.bend_low, bend_high=0.05 * boxes.bend_high)
+    found = numba_stops.time_left(sizes, calm, limits, ends, times, harmless)
+    assert (found[1] >= 0).sum() > 10
+    same(found, laws.time_left(sizes, calm, limits, ends, times, harmless))
+    for first in range(N + 1):
+        state = first, N - 1, sizes, calm, limits
+        same(numba_stops.braking_squares(*state), laws.braking_squares(*state))
+
+
+@pytest.mark.parametrize("degree", [1, 3, 5])
+def test_derivatives_of_motions(built, rng, degree):
+    laws, times, coefficients = built("motions.laws"), np.arange(8.0) ** 1.3, rng.normal(size=(7, degree + 1, 4))
+    s = np.sort(rng.uniform(0, times[-1], 50))
+    pieces = np.searchsorted(times, s, side="right") - 1
+    curve = times, coefficients
+    same(numba_laws.derivatives(*curve, pieces, s), laws.derivatives(*curve, pieces, s))
+    same(numba_laws.derivative_ranges(*curve, pieces[:-1], s), laws.derivative_ranges(*curve, pieces[:-1], s))
+
+
+def test_motions_beside_people(built, setup, rng):
+    kinematics, convex, bodies = built("robot.kinematics"), built("geometry.convex"), built("motions.bodies")
+    robot, all_bodies = setup.robot, setup.checker.pairs._table.convex_bodies
+    joints, shapes, N = robot.kinematics.joints, all_bodies.shapes, 20
+    tables = kinematics.JointTable(joints), convex.ShapeTable(*shapes)
+    m = len(joints)
+    values, rates = rng.uniform(-2, 2, (N, m)), rng.normal(size=(N, m))
+    box = numba_cells.BodySpeeds(robot)._boxes
+    speeds = numba_cells.box_speeds(joints, box, values, rates)
+    same(speeds, bodies.BodyCorners(tables[0], *box).speeds(values, rates))
+    radii, turned = rng.uniform(0, 1, (9, m)), rng.uniform(size=(9, m)) < 0.6
+    bounds = radii, turned, *np.abs(rng.normal(size=(2, N, m)))
+    same(numba_cells.acceleration_bounds(*bounds), bodies.acceleration_bounds(*bounds))
+    carried = all_bodies.bodies["joint"]
+    moving, still = np.flatnonzero(carried), np.flatnonzero(carried == 0)
+    G, pairs = len(moving), np.array([(a, b) for a in moving for b in [*moving, *still] if carried[a] != carried[b]])
+    sides = np.full(len(carried), G)
+    sides[moving] = np.arange(G)
+    widths = np.array([0.05, 0.3, np.inf])
+    gaps = np.sort(pairs, axis=1), sides[pairs], rng.uniform(0, 0.5, (len(pairs), m)), widths, np.array([0.9, 0.5, 0.2])
+    sizes, slopes = rng.uniform(0.01, 0.1, N), np.abs(rng.normal(size=(N, m)))
+    fast = np.column_stack([rng.uniform(0, 2, (N, G)), np.zeros(N)])
+    rates = numba_contact.closing_rates(joints, shapes, numba_contact._Gaps(*gaps), values, sizes, slopes, fast)
+    assert (rates[..., 0] < rates[..., 2]).any()
+    same(rates, bodies.ClosingGaps(*tables, *gaps).rates(values, sizes, slopes, fast))
+    limbs = moving, still, rng.uniform(0.0, 2.0, len(still)) * (np.arange(len(still)) % 3 > 0), 0.05, 0.1
+    half = rng.uniform(0, 0.05, (N, G))
+    for soon, short in ((0.4, -np.inf), (np.inf, 0.2)):
+        known = numba_separation.arrivals(joints, shapes, numba_separation._Limbs(*limbs), values, half, soon, short)
+        same(known, bodies.LimbArrivals(*tables, *limbs).along(values, half, soon, short))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"ends": np.full(40, 40)}, r"ends\[0\] must be from 0 to 39, got 40"),
+        ({"ends": np.full(40, -1)}, r"ends\[0\] must be from 0 to 39, got -1"),
+        ({"sizes": np.ones(39)}, "sizes must have 40 rows, got 39"),
+        ({"limits": np.ones(5)}, r"boxes must have shape \(40, 5\), got \(40, 6\)"),
+        ({"harmless": np.ones((40, 2))}, "times and harmless must be of as many limbs each, got 3 and 2"),
+    ],
+)
+def test_laws_refuse_what_does_not_fit(built, grid, change, message):
+    sizes, boxes, limits, ends = grid
+    given = {"sizes": sizes, "boxes": boxes, "limits": limits, "ends": ends, "times": np.ones((40, 3))}
+    with pytest.raises(safe_ompl.InputError, match=message):
+        built("motions.laws").time_left(**{**given, "harmless": np.ones((40, 3)), **change})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"bodies": np.array([-1])}, "bodies: must be from 0 to"),
+        ({"limbs": np.array([10_000])}, "limbs: must be from 0 to"),
+        ({"speeds": np.ones(2)}, "there must be speeds of 1 limbs, got 2"),
+    ],
+)
+def test_limbs_refuse_what_does_not_fit(built, ur5, change, message):
+    shapes = built("geometry.convex").ShapeTable(*ur5.bounds.convex_bodies.shapes)
+    given = {"bodies": np.array([1]), "limbs": np.array([0]), "speeds": np.ones(1), **change}
+    joints = built("robot.kinematics").JointTable(ur5.kinematics.joints)
+    with pytest.raises(safe_ompl.InputError, match=message):
+        built("motions.bodies").LimbArrivals(joints, shapes, clearance=0.1, reaction=0.1, **given)
+    none = built("robot.kinematics").JointTable(ur5.kinematics.joints[:0])
+    with pytest.raises(safe_ompl.InputError, match="there is no joint"):
+        built("motions.bodies").LimbArrivals(none, shapes, np.array([1]), np.array([0]), np.ones(1), 0.1, 0.1)
