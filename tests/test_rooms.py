@@ -41,7 +41,7 @@ FLOORS = (  # rooms; each imports from those before it only
     "apps.exchange",
     "apps",
 )
-EVERYWHERE = ("safe_ompl.version", "safe_ompl.doors")
+EVERYWHERE = ("safe_ompl.version",)
 
 
 class Import(NamedTuple):
@@ -74,14 +74,16 @@ def room_of(module):
 
 
 def imports(module):
-    """Yield what a module imports from the package."""
-    tree = ast.parse(FILES[module].read_text(encoding="utf-8"))
+    """Yield what a module imports from the package; a package lists its public names in a stub."""
+    stub = FILES[module].with_suffix(".pyi")
+    tree = ast.parse((stub if stub.exists() else FILES[module]).read_text(encoding="utf-8"))
     blocks = [node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
     for_types = {inner for block in blocks for inner in ast.walk(block)}
     for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith("safe_ompl."):
+        if isinstance(node, ast.ImportFrom) and (node.level or f"{node.module}.".startswith("safe_ompl.")):
+            source = ".".join(filter(None, (module if node.level else "", node.module)))
             for alias in node.names:
-                yield Import(module, node.lineno, str(node.module), alias.name, node in for_types)
+                yield Import(module, node.lineno, source, alias.name, node in for_types)
         elif isinstance(node, ast.Import):
             for alias in node.names:
                 if f"{alias.name}.".startswith("safe_ompl."):

@@ -10,7 +10,8 @@ import pytest
 from ompl import geometric as og
 
 from safe_ompl import Box, CertifiedDanger, DangerField, KinetostaticField, Obstacle, Pose, Scene
-from safe_ompl.collision import DISTANCE_ERROR, CollisionChecker, MotionProver, PairDistances, bounds as distance_bounds
+from safe_ompl.collision import CollisionChecker, MotionProver, PairDistances, bounds as distance_bounds
+from safe_ompl.geometry import DISTANCE_ERROR
 from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity
 from safe_ompl.robot import StateBridge, joint_space
 

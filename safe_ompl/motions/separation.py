@@ -16,9 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.collision import DISTANCE_ERROR
 from safe_ompl.common import FloatArray, IntArray, compiled, part
-from safe_ompl.geometry import ConvexBodies
+from safe_ompl.geometry import DISTANCE_ERROR, ConvexBodies
 from safe_ompl.geometry.kernels import POSE, Shapes, begin_axis, distance_bounds, from_box, place_bodies
 from safe_ompl.motions.cells import Cells
 from safe_ompl.motions.contact import ContactLimits

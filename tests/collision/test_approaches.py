@@ -6,9 +6,9 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import Box, Capsule, Cylinder, Obstacle, PointCloud, Pose, Scene, Sphere
-from safe_ompl.collision import DISTANCE_ERROR
 from safe_ompl.collision.geometry import SceneGeometry
 from safe_ompl.collision.pairs import PairTable
+from safe_ompl.geometry import DISTANCE_ERROR
 
 
 def coal_distance(reach, part):

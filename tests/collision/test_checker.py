@@ -9,8 +9,9 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import Box, Cylinder, InputError, Obstacle, Person, PointCloud, Pose, Robot, Scene, Sphere
-from safe_ompl.collision import DISTANCE_ERROR, Clearance, CollisionChecker, MotionProver
+from safe_ompl.collision import Clearance, CollisionChecker, MotionProver
 from safe_ompl.common import Counts
+from safe_ompl.geometry import DISTANCE_ERROR
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm"]
 TOLERANCE = 3e-5  # [m]; contacts this near the limit may be called either way

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from safe_ompl import Box, CollisionChecker, Mesh, MotionProver, Obstacle, Pose, Robot, Scene, Verdict
-from safe_ompl.collision import DISTANCE_ERROR, FLOOR, Required, Separation
+from safe_ompl.collision import FLOOR, Required, Separation
 from safe_ompl.collision.bounds import ALLOWANCE, BoundsProof, DistanceBounds
 from safe_ompl.common import Counts
-from safe_ompl.geometry import ConvexBodies
+from safe_ompl.geometry import DISTANCE_ERROR, ConvexBodies
 
 WEDGE = Path(__file__).parents[1] / "data" / "wedge.obj"
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]

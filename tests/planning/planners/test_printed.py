@@ -8,9 +8,10 @@ from oracles.pinocchio_points import keypoint_jacobians
 from plane import EXACT, GOAL, START, TIMEOUT, HotSpot, PlaneProblem, wall_with_a_gap
 
 from safe_ompl import Scenario, make_planner
-from safe_ompl.collision import DISTANCE_ERROR, Bubble
+from safe_ompl.collision import Bubble
 from safe_ompl.collision.bubbles import diamond_meetings, reach_along
 from safe_ompl.danger.link_field import vectors
+from safe_ompl.geometry import DISTANCE_ERROR
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import StateCost
 from safe_ompl.robot import ScratchState, StateBridge

@@ -1,0 +1,3 @@
+from .certified import CertifiedDanger as CertifiedDanger, DangerBounds as DangerBounds, DangerLimit as DangerLimit
+from .field import DangerField as DangerField
+from .kinetostatic import KinetostaticField as KinetostaticField

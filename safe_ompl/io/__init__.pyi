@@ -1,0 +1,26 @@
+from . import schema as schema
+from .files import load as load, result_to_mapping as result_to_mapping, save as save
+from .motion_files import (
+    WRITABLE as WRITABLE,
+    motion_content as motion_content,
+    motion_of_document as motion_of_document,
+    read_log as read_log,
+    read_motion as read_motion,
+)
+from .motions import ACCELERATION as ACCELERATION, JointPath as JointPath, TimedMotion as TimedMotion
+from .problems import (
+    RobotDocument as RobotDocument,
+    SceneDocument as SceneDocument,
+    built_robot as built_robot,
+    built_scene as built_scene,
+    carried_robot as carried_robot,
+    carried_scene as carried_scene,
+)
+from .schema import marked as marked, strict_json as strict_json
+from .ticks import (
+    TickLog as TickLog,
+    TicksFile as TicksFile,
+    check_header as check_header,
+    read_ticks as read_ticks,
+    ticks_header as ticks_header,
+)

@@ -1,0 +1,11 @@
+from .cost import PathCost as PathCost
+from .edges import ask_for_retreats as ask_for_retreats
+from .measures import (
+    PROFILE_POINTS as PROFILE_POINTS,
+    ClearanceReport as ClearanceReport,
+    Curve as Curve,
+    DangerReport as DangerReport,
+    forced_danger as forced_danger,
+)
+from .report import PathReport as PathReport, Validation as Validation, validate as validate
+from .simplifier import Simplifier as Simplifier, Stop as Stop, timed as timed
