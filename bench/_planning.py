@@ -77,7 +77,7 @@ def compare(report: Report, problems: Iterable[Problem], options: argparse.Names
     pairs = [KINDS[kind](family) for family in options.families for kind in options.pairs]
     found: dict[tuple[str, str], dict[str, list[tuple[Run, Run]]]] = {pair: {} for pair in pairs}
     for group, setup, parameters in problems:
-        state = setup.problem.start
+        state = setup.query.start
         setup.motion_prover.is_free(state, state)  # what all planners share is made now: none of them pays for it
         if not any(found.values()):
             for name in dict.fromkeys(name for pair in pairs for name in pair):

@@ -1,11 +1,6 @@
+from .compilation import PLAN_JOBS as PLAN_JOBS, small_robot as small_robot
 from .front import Tradeoff as Tradeoff, tradeoff as tradeoff
 from .planners import planner_data as planner_data
-from .problem_setup import PLAN_JOBS as PLAN_JOBS, small_robot as small_robot
 from .result import Improvement as Improvement, PlanResult as PlanResult
-from .safe_setup import (
-    SafeSetup as SafeSetup,
-    plan as plan,
-    repair as repair,
-    setup_problem as setup_problem,
-    setup_scenario as setup_scenario,
-)
+from .safe_setup import SafeSetup as SafeSetup, repair as repair
+from .scenarios import plan as plan, setup_problem as setup_problem, setup_scenario as setup_scenario

@@ -22,6 +22,7 @@ from safe_ompl.planning.planners import SafePlanner, nodes_of
 from safe_ompl.planning.result import Improvement, PlanResult
 
 if TYPE_CHECKING:
+    from safe_ompl.planning.safe_setup import SafeSetup
     from safe_ompl.planning.simplification import Simplifier, Stop
 
 _log = logging.getLogger(__name__)
@@ -144,7 +145,7 @@ def optimise(search: Search, simplifier: Simplifier, seconds: float, stop: Stop 
 class PlanningRun:
     """One run of a planner that `SafeSetup.prepare` has made ready; `name` is what the result calls it."""
 
-    def __init__(self, setup: Any, planner: Any, name: str, seed: int) -> None:
+    def __init__(self, setup: SafeSetup, planner: Any, name: str, seed: int) -> None:
         self._setup, self._planner, self.name, self._seed = setup, planner, name, seed
 
     def planned(self, time: float, simplification: float | None = None) -> PlanResult:
@@ -214,7 +215,7 @@ class PlanningRun:
 
 
 def best_start(
-    setup: Any, plan: Callable[[int], PlanResult], seeds: Sequence[int], workers: int, interrupts: list[int]
+    setup: SafeSetup, plan: Callable[[int], PlanResult], seeds: Sequence[int], workers: int, interrupts: list[int]
 ) -> PlanResult:
     """Plan with each seed; return the result whose path costs least by the setup's objective, of equal ones the first.
 
@@ -243,13 +244,13 @@ def best_start(
             best, least = result, cost
     if not results:
         raise KeyboardInterrupt
-    if best is None:
+    if best is None or best.path is None:
         return results[0]
     setup.set_solution(best.path)
     return best
 
 
-def validated(setup: Any, result: PlanResult, begin: float) -> PlanResult:
+def validated(setup: SafeSetup, result: PlanResult, begin: float) -> PlanResult:
     """Return a result with the report on its path; a PlanningError if it is not proven, or leads elsewhere."""
     path = result.path
     setup_time = clock() - begin - result.planning_time - result.simplification_time
@@ -258,7 +259,7 @@ def validated(setup: Any, result: PlanResult, begin: float) -> PlanResult:
         report = setup.report(path)
         if not report.certified:
             raise PlanningError(f"{result.planner} returned a path that is not proven free: {report.validation.why}")
-        setup.problem.check_ends(path, result.planner)
+        setup.query.check_ends(path, result.planner)
     separation = setup.getConstraints().separation
     moving = {"speeds": dict(separation.speeds), "time": separation.time} if separation.speeds else None
     return replace(

@@ -140,7 +140,7 @@ def test_in_ompls_words_start_and_goal_are_those_that_are_checked_and_looked_at(
     setup.setWorkspaceGoal(setup.robot.tip_pose(start + MOTION).translation)
     goal = states(setup, start + OTHER_MOTION)
     setup.setStartAndGoalStates(state(setup, start + OTHER_START), state(setup, start))
-    np.testing.assert_allclose(setup.problem.start, start + OTHER_START, atol=1e-12)
+    np.testing.assert_allclose(setup.query.start, start + OTHER_START, atol=1e-12)
     setup.setGoal(goal)
     result = setup.plan(seed=1)
     np.testing.assert_allclose(result.path[[0, -1]], [start + OTHER_START, start + OTHER_MOTION], atol=1e-12)

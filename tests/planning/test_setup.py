@@ -139,7 +139,7 @@ def test_danger_is_optional_and_has_options(ur5, setup):
 def test_configurations_that_make_no_sense(setup, which, bad, message):
     with pytest.raises((InputError, CollisionError), match=rf"{which}( \d)?.*{message}"):
         setup.setConfigurations(*((bad, GOAL) if which == "start" else (START, bad)))
-    np.testing.assert_array_equal(setup.problem.goals, [GOAL])
+    np.testing.assert_array_equal(setup.query.goals, [GOAL])
 
 
 @pytest.mark.parametrize(
@@ -227,7 +227,7 @@ def test_what_is_of_the_wrong_kind(ur5, wrong, message):
 def test_forms_of_a_configuration(ur5, form):
     setup, start, goal = SafeSetup(ur5, BALL), form(ur5, START), form(ur5, GOAL)
     setup.setConfigurations(start, goal)
-    np.testing.assert_allclose(setup.problem.start, START, atol=1e-6)
+    np.testing.assert_allclose(setup.query.start, START, atol=1e-6)
     np.testing.assert_allclose(setup.bridge.read(setup.getGoal().getState(0)), GOAL, atol=1e-6)
     setup.setConfigurations(start, [goal, goal])
     assert setup.getGoal().getStateCount() == 2
@@ -305,7 +305,7 @@ def test_of_a_place_and_configurations_a_planner_gets_what_it_plans_to(setup):
         setup.prepare(planner, 1)
         assert setup.getGoal() is goal
     setup.setGoal(states)
-    setup.problem.choose_place(make_planner("SafeJTRRT", setup.getSpaceInformation()))
+    setup.query.choose_place(make_planner("SafeJTRRT", setup.getSpaceInformation()))
     assert setup.getGoal() is place
 
 

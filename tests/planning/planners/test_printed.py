@@ -357,7 +357,7 @@ def test_k_max_ends_the_search(planar3):
 def test_the_radii_of_the_papers_bubble_are_those_of_all_links():
     """Only an arm in space tells them from those of the pairs."""
     setup = setup_scenario(Scenario.load("panda_shelf"))
-    checker, q = setup.checker, setup.problem.start
+    checker, q = setup.checker, setup.query.start
     radii = checker.robot.bounds.displacement_radii_at(q).max(axis=0)
     expected = radii / (checker.pair_distances(q).min() - DISTANCE_ERROR)
     np.testing.assert_allclose(Bubble.around(q, checker, printed=True).weights, expected)

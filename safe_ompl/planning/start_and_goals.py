@@ -1,4 +1,4 @@
-"""What a setup plans: start and goals, and what of them is allowed."""
+"""Start and goals of a setup, and what of them is allowed; and what was found for them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Asked(NamedTuple):
     coordinates: Any
 
 
-class Problem:
+class StartAndGoals:
     """Start and goals of an OMPL setup, checked when they are given and when the scene has changed.
 
     Goal configurations and a place of the tip may both be given: a planner gets what it plans to. The setup, which
@@ -64,6 +64,7 @@ class Problem:
 
     def set_configurations(self, start: Any, goals: Any) -> None:
         """Set start and goals; parameters and errors as `SafeSetup.setConfigurations`."""
+        self.forget_stale()
         given = several(goals)
         free = self._checked_goals(given)
         self.set_start(start)

@@ -1,0 +1,96 @@
+"""From a scenario, or a problem of MotionBenchMaker, to a setup or a result."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import safe_ompl.scene as scenes
+from safe_ompl.common import clock, documents as document
+from safe_ompl.planning.result import PlanResult
+from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.robot import Robot
+
+_log = logging.getLogger(__name__)
+
+
+def plan(
+    scenario: scenes.Scenario | str | Path,
+    planner: str = "SafeRRTConnect",
+    time: float | None = None,
+    seed: int = 0,
+    parameters: Mapping[str, Any] | None = None,
+    **options: Any,
+) -> PlanResult:
+    """Plan a scenario: the problem itself, or the name or file of one; all else as in `SafeSetup.plan`.
+
+    The time limit [s] is by default the scenario's own, `parameters` override those of the scenario, and `options` are
+    `simplify`, `optimise`, `starts` and `workers`. Errors as `SafeSetup.plan`; an InputError, too, if the scenario
+    cannot be used.
+    """
+    begin = clock()
+    if not isinstance(scenario, scenes.Scenario):
+        scenario = scenes.Scenario.load(scenario)
+    setup = setup_scenario(scenario)
+    own = scenario.planners.get(planner, {})
+    built = clock() - begin
+    result = setup.plan(
+        planner,
+        time=scenario.time if time is None else time,
+        seed=seed,
+        parameters={**own, **(parameters or {})},
+        **options,
+    )
+    return replace(result, setup_time=built + result.setup_time)
+
+
+def setup_scenario(scenario: scenes.Scenario, robot: Robot | None = None) -> SafeSetup:
+    """Return a SafeSetup with the robot, scene, start and goals of a scenario."""
+    robot = robot or scenario.build_robot()
+    start, goal = scenario.start_configuration(robot), scenario.goal  # None: steps of a program say where to go
+    goals = scenario.goal_configurations(robot) if goal is not None and goal.configurations else None
+    with document.within(str(scenario.file or scenario.name), ": "):
+        setup = SafeSetup(robot, scenario.scene, danger=scenario.danger)
+        if goal is not None and goal.position is not None:
+            setup.setWorkspaceGoal(goal.position, goal.rotation, goal.tolerance)
+        elif goal is not None and goal.region is not None:
+            setup.setGoalRegion(goal.region, goal.tolerance)
+        if goals is None:
+            setup.setStartConfiguration(start)
+        else:
+            setup.setConfigurations(start, goals)
+        with document.within("limits"):
+            limits = scenario.limits
+            if limits.max_danger:
+                setup.setMaxDanger(limits.max_danger)
+            if limits.min_clearance:
+                setup.setMinClearance(limits.min_clearance, limits.obstacles, limits.exempt)
+            if limits.tool is not None:
+                setup.setToolConstraint(limits.tool.axis, limits.tool.direction, limits.tool.angle)
+            if limits.tip is not None:
+                setup.setTipBounds(*limits.tip.corners)
+            if limits.moving is not None:
+                with document.within("moving", ": "):
+                    setup.setMovingObstacles(limits.moving.speeds, limits.moving.time)
+            if limits.tube is not None:
+                setup.setTube(limits.tube)
+    return setup
+
+
+def setup_problem(problem: scenes.MbmProblem, robot: Robot) -> SafeSetup:
+    """Return a SafeSetup with the scene, start and goals of a problem.
+
+    Limits of joints are widened, with a warning, where a goal is slightly outside; see `MbmProblem.widened_limits`. An
+    InputError if the joints are not those of the robot, or start or goals are outside the limits or in collision.
+    """
+    limits = problem.widened_limits(robot)
+    if limits:
+        listed = ", ".join(f"{joint} to [{low:g}, {high:g}]" for joint, (low, high) in limits.items())
+        _log.warning("%s %d: a goal is outside the limits: widened %s", problem.family, problem.index, listed)
+        robot = robot.with_limits(limits)
+    setup = SafeSetup(robot, problem.scene)
+    setup.setConfigurations(problem.start_configuration(robot), problem.goal_configurations(robot))
+    return setup
