@@ -39,7 +39,7 @@ from safe_ompl import (
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import STANDING
 from safe_ompl.live import Surroundings, Tracker
-from safe_ompl.live.replanning import PathLimits, Shield
+from safe_ompl.live.replanning import Shield, SpeedLimits
 from safe_ompl.live.ros import Cell, Code, ControlOptions, Execution, LiveController, Outcome, TrajectoryGuard
 from safe_ompl.live.ros.execution import Tolerance
 from safe_ompl.live.simulation import ALL_KEYPOINTS, ContactMonitor, Solid, limb_solids, part_solids
@@ -116,7 +116,7 @@ class Work:
         self.tracker, self.ball = Tracker(ALL_KEYPOINTS), ball
         self.prover = MotionProver(CollisionChecker(self.robot, self.still))
         most = RateLimits.of(self.robot, acceleration=ACCELERATIONS["panda"])
-        self.limits = PathLimits(most)
+        self.limits = SpeedLimits(most)
         self.slower = RateLimits.of(self.robot, 0.5 * most.velocity, 0.4 * most.acceleration)
         self.way = to_and_fro(scenario, self.robot, self.slower, self.prover)[0]
         self.goal = self.way.at(self.way.duration).q

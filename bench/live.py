@@ -29,9 +29,8 @@ from safe_ompl import People, Pose, RateLimits, Replanner, Robot, Scenario, Surr
 from safe_ompl.collision import MotionProver
 from safe_ompl.danger import DangerField
 from safe_ompl.live import Recording, TrackedBody, facing, list_clips
-from safe_ompl.live.replanning import Command, Doing, ReplanningOptions, Tour
-from safe_ompl.live.replanning.guarded_path import Around, GuardedPath, MotionMargin
-from safe_ompl.live.replanning.stop_motion import StopMotion
+from safe_ompl.live.replanning import Action, Command, ReplanningOptions, Route
+from safe_ompl.live.replanning.bounded_path import Around, BoundedPath, MotionMargin, StopLaw
 from safe_ompl.live.simulation import Faults, Playback, Simulation
 from safe_ompl.motions.contact import CONTACT_RULES
 
@@ -72,13 +71,13 @@ class StopAndGo(Replanner):
         assert self._path is not None
         self._path = replace(self._path, squares=self._path.squares * self.share**2)
 
-    def _next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+    def _next(self, path: BoundedPath, s: float, speed: float, time: float) -> Command | None:
         if not self.surroundings.known:
             return None
         if speed == 0 and s >= path.length - 1e-6:
             return super()._next(path, s, speed, time)
         cell = np.array([min(int(np.searchsorted(path.edges, s, side="right")) - 1, len(path.brakes) - 1)])
-        here = StopMotion(cell, np.array([s, s]), np.zeros(2), np.zeros(2))
+        here = StopLaw(cell, np.array([s, s]), np.zeros(2), np.zeros(2))
         distance = self.clearance + self._distance(path, time)
         near = path.margin(here, Around(self.surroundings.sets, 0.0, distance), exact=True)
         trouble = self.surroundings.trouble(time, self.options.lost_after)
@@ -86,10 +85,10 @@ class StopAndGo(Replanner):
         if push < 0 and speed == 0:
             return None
         motion = path.motion_from(s, speed * speed, push, self.tick)
-        doing = Doing.MOVING if push > 0 else Doing.BRAKING
-        return Command(time, self.surroundings.time, path, motion, doing, near, trouble or "")
+        action = Action.MOVING if push > 0 else Action.BRAKING
+        return Command(time, self.surroundings.time, path, motion, action, near, trouble or "")
 
-    def _distance(self, path: GuardedPath, time: float) -> float:
+    def _distance(self, path: BoundedPath, time: float) -> float:
         full = np.sqrt(path.squares)
         stop = float((full / path.brakes).max())
         delay = time - self.surroundings.time + self.tick
@@ -113,11 +112,11 @@ class QuarterSpeed(StopAndGo):
 class Careless(Replanner):
     """Drives as if it were alone."""
 
-    def _next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+    def _next(self, path: BoundedPath, s: float, speed: float, time: float) -> Command | None:
         if speed == 0 and s >= path.length - 1e-6:
             return super()._next(path, s, speed, time)
         motion = path.motion_from(s, speed * speed, 1.0, self.tick)
-        return Command(time, self.surroundings.time, path, motion, Doing.MOVING, MotionMargin(np.inf))
+        return Command(time, self.surroundings.time, path, motion, Action.MOVING, MotionMargin(np.inf))
 
 
 POLICIES: dict[str, Any] = {
@@ -207,10 +206,10 @@ def simulation(
         options=ReplanningOptions(tick, detours=policy in OURS, retreats=policy in OURS[:-1]),
     )
     limits = RateLimits.of(robot, acceleration=ACCELERATIONS["panda"])
-    ways: list[Trajectory] | Tour = []
+    ways: list[Trajectory] | Route = []
     if "any" in policy or policy == "in-order":
         between = between_places(scenario, robot, limits, replanner.prover)
-        ways = [between[k, (k + 1) % 4] for k in range(4)] if policy == "in-order" else Tour(between)
+        ways = [between[k, (k + 1) % 4] for k in range(4)] if policy == "in-order" else Route(between)
     else:
         ways = to_and_fro(scenario, robot, limits, replanner.prover)
     operator, faults = Playback(recording, tracker), Faults(latency=_LATENCY * tick)

@@ -38,7 +38,7 @@ from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Robot, SafeSetup,
 from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.common import FloatArray
 from safe_ompl.live import Surroundings, Tracker
-from safe_ompl.live.replanning import Doing, Replanner
+from safe_ompl.live.replanning import Action, Replanner
 from safe_ompl.live.simulation import ALL_KEYPOINTS, Walker, World
 from safe_ompl.live.simulation.simulation import Touch
 from safe_ompl.motions import FACTOR, BodySpeeds, Motion, contact_speed, first_unproven
@@ -230,7 +230,7 @@ class Drive:
         for k in range(round(seconds / replanner.tick)):
             now = k * replanner.tick
             replanner.update({"anna": self.walker.at(now)}, {}, now)
-            if command is not None and command.doing is Doing.DONE:
+            if command is not None and command.action is Action.DONE:
                 self.tasks += 1
                 replanner.start(self.ways[self.tasks % 2])
             old, command = command, replanner.command(now + ANSWER)

@@ -38,7 +38,7 @@ from safe_ompl import CollisionChecker, MotionProver, People, RateLimits, Robot,
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import placed
 from safe_ompl.live import Recording, Surroundings, TrackedBody
-from safe_ompl.live.replanning import PathLimits, ReplanningOptions
+from safe_ompl.live.replanning import ReplanningOptions, SpeedLimits
 from safe_ompl.live.simulation import ContactMonitor, Playback, Solid, Walker, World, limb_solids
 
 CLAIM = "the shield lets no proposal touch people while the robot moves; what other filters do"
@@ -101,7 +101,7 @@ class Shielded:
         people: People,
         jerk: Sequence[float] | None = None,
     ) -> None:
-        limits = PathLimits(RateLimits.of(robot, acceleration=ACCELERATIONS["panda"], jerk=jerk))
+        limits = SpeedLimits(RateLimits.of(robot, acceleration=ACCELERATIONS["panda"], jerk=jerk))
         known = Surroundings(scenario.scene, {"operator": tracker}, people=people)
         self.shield = Shield(robot, known, options=ReplanningOptions(tick=TICK, limits=limits))
         self.shield.start(start)

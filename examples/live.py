@@ -28,6 +28,6 @@ for k in range(200):
     replanner.update({"anna": standing + away}, {}, time)
     command = replanner.command(time + 0.02)  # holds from then on; your controller follows command.at(t)
     replanner.think()  # in the time that is left: search a detour
-    if command.doing == "done":
+    if command.action == "done":
         break
-print(f"{command.doing.value} after {time:.2f} s; at {np.round(command.at(time + 0.02).q, 2).tolist()}")
+print(f"{command.action.value} after {time:.2f} s; at {np.round(command.at(time + 0.02).q, 2).tolist()}")

@@ -17,8 +17,6 @@ import numpy as np
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.live.kernels import Sets
 
-_FINEST = 0.01  # [m] edge of the smallest cells
-
 
 class ReachViolation(NamedTuple):
     """A body that moved farther than was promised."""
@@ -85,15 +83,3 @@ class ReachSets:
         away = np.linalg.norm(np.concatenate([np.zeros((0, 3)), *ends]) - self.points, axis=1)
         farthest = np.maximum.reduceat(away, self.first[:-1]) if self.names else np.zeros(0)
         return np.asarray(farthest - self.grown(time))
-
-
-def ball_cover(points: FloatArray, most: int) -> tuple[FloatArray, float]:
-    """Return at most so many balls, centres (M, 3) and one radius [m], that hold points (N, 3): cells of a grid."""
-    edge, cells = _FINEST, np.floor(points / _FINEST).astype(np.int64)
-    while True:
-        low, extent = cells.min(axis=0), np.ptp(cells, axis=0) + 1
-        flat = np.unique(np.ravel_multi_index(tuple((cells - low).T), tuple(extent)))
-        cells = np.column_stack(np.unravel_index(flat, tuple(extent))) + low
-        if len(cells) <= most:
-            return (cells + 0.5) * edge, float(np.sqrt(0.75) * edge)
-        edge, cells = 2 * edge, cells // 2

@@ -27,7 +27,7 @@ from safe_ompl.common import (
 )
 from safe_ompl.robot import kernels as kernel
 from safe_ompl.robot.displacement_bounds import JointChain
-from safe_ompl.robot.joints import Mimic, Skeleton, frame_index
+from safe_ompl.robot.joints import Mimic, RobotSkeleton, frame_index
 from safe_ompl.robot.parts import RobotParts
 
 _FLOAT = np.dtype(np.float64)  # compared with ==: what kernels return has an equal one
@@ -152,7 +152,7 @@ class ForwardKinematics:
         self.tip_frame: int = frame_index(model, self.tip)
         frame = model.frames[self.tip_frame]
         self.tip_joint, self.tip_placement = int(frame.parentJoint), pin.SE3(frame.placement)
-        skeleton = Skeleton.from_model(model, parts.link_ends, parts.tips)
+        skeleton = RobotSkeleton.from_model(model, parts.link_ends, parts.tips)
         self.segments: IntArray = skeleton.segments
         self.segment_names = skeleton.names
         self.skeleton = skeleton

@@ -294,7 +294,7 @@ _ZERO_LENGTH = 1e-6  # [m]; joints at the same place, as on a spherical wrist
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Skeleton:
+class RobotSkeleton:
     """K key points of a robot and the segments between them (paper §3, eq. 2).
 
     Key points are the origins of `frames: (K,)`, the tip last, at `offsets: (K, 3)` [m] in the frames of Pinocchio's
@@ -309,7 +309,7 @@ class Skeleton:
     frames: tuple[int, ...]
 
     @classmethod
-    def from_model(cls, model: pin.Model, joint_names: Sequence[str], tips: Sequence[str]) -> Skeleton:
+    def from_model(cls, model: pin.Model, joint_names: Sequence[str], tips: Sequence[str]) -> RobotSkeleton:
         """Build the skeleton of `model`, whose locked joints are reduced to frames."""
         first, *others = (frame_index(model, tip) for tip in tips)
         on_chain = {frame for tip in (first, *others) for frame in _way_to_root(model, tip)}

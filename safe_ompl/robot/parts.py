@@ -17,7 +17,7 @@ from safe_ompl.common import FloatArray, InputError, IntArray, Section, UnknownN
 from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere, bounding_hull
 from safe_ompl.robot.collision import drop_fixed_pairs, links_lacking_shapes, warn_of_unchecked
 from safe_ompl.robot.displacement_bounds import JointChain
-from safe_ompl.robot.joints import Mimic, Skeleton, frame_index, joint_limits, reduce_model, with_mimics
+from safe_ompl.robot.joints import Mimic, RobotSkeleton, frame_index, joint_limits, reduce_model, with_mimics
 
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 _SLIDES = (pin.JointModelPX, pin.JointModelPY)
@@ -190,7 +190,7 @@ class RobotParts:
     def _far_end(self, item: Attachment, frame: int) -> FloatArray:
         """Return the far end of an object, seen from the key point below it, in the frame of their joint [m]."""
         link = self.model.frames[frame]
-        below = Skeleton.from_model(self.model, self.link_ends, self.tips).nearest(self.model, frame)
+        below = RobotSkeleton.from_model(self.model, self.link_ends, self.tips).nearest(self.model, frame)
         if below is None or link.parentJoint == 0:
             raise InputError(f"{item.name!r} has no danger: no joint of the skeleton is below {item.link!r}", self.name)
         start, place = self.model.frames[below].placement.translation, link.placement * item.pose.se3

@@ -7,9 +7,7 @@ from numba import njit
 
 from safe_ompl import RateLimits, time_path
 from safe_ompl.live import ReachSets, kernels
-from safe_ompl.live.replanning.bodies import RobotBodies
-from safe_ompl.live.replanning.guarded_path import Around, GuardedPath, PathLimits
-from safe_ompl.live.replanning.stop_motion import StopMotion
+from safe_ompl.live.replanning.bounded_path import Around, BoundedPath, RobotBodies, SpeedLimits, StopLaw
 
 
 @njit
@@ -58,7 +56,7 @@ def rotation_to(axis):
 def path(panda):
     way = [[-1.0, 0, 0, -2.0, 0, 2.2, 0.785], [1.0, -0.3, 0, -1.8, 0, 2.2, 0.785]]
     trajectory = time_path(way, panda, RateLimits.of(panda, acceleration=10.0))
-    return GuardedPath.along(RobotBodies(panda), trajectory.curve, PathLimits.of(trajectory))
+    return BoundedPath.along(RobotBodies(panda), trajectory.curve, SpeedLimits.of(trajectory))
 
 
 def sets(at, growth=(0.0, 1.6)):
@@ -68,7 +66,7 @@ def sets(at, growth=(0.0, 1.6)):
 
 def margin(path, cell, begin, end, who, clearance=0.0):
     """Return the exact margin in one cell between two times."""
-    motion = StopMotion(np.array([cell]), np.zeros(2), np.zeros(2), np.array([begin, end]))
+    motion = StopLaw(np.array([cell]), np.zeros(2), np.zeros(2), np.array([begin, end]))
     return path.margin(motion, Around(who, 0.0, clearance), exact=True).margin
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from safe_ompl import InputError, Motion, RateLimits, Robot, UnknownNameError, time_path
-from safe_ompl.live.replanning import PathLimits
+from safe_ompl.live.replanning import SpeedLimits
 from safe_ompl.robot import RobotSpec, robot_hash
 from safe_ompl.scene import MotionLimits
 
@@ -58,7 +58,7 @@ def absurd(robot):
         r"velocity\[1\]": lambda x: MotionLimits(velocity=[1.0, x]),
         f"acceleration.{joint}": lambda x: MotionLimits(acceleration={joint: 1e3 * x}),
         "link_speed": lambda x: MotionLimits(link_speed=x),
-        "link speed": lambda x: PathLimits(RateLimits.of(robot), link_speed=x),
+        "link speed": lambda x: SpeedLimits(RateLimits.of(robot), link_speed=x),
         "tool speed": lambda x: time_path([robot.lower, robot.upper], robot, tool_speed=x),
         "largest velocity": lambda x: Motion.sampled([0, 1], np.zeros((2, robot.n)), x),
     }

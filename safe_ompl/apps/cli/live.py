@@ -22,7 +22,7 @@ from safe_ompl.drawing import read_recording, save_page
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
 from safe_ompl.io import TickLog, TicksFile
 from safe_ompl.live import HEIGHT, PELVIS, Recording, Surroundings, TrackedBody, Tracker, facing
-from safe_ompl.live.replanning import Leg, Replanner, ReplanningOptions, Tour
+from safe_ompl.live.replanning import Replanner, ReplanningOptions, Route, Segment
 from safe_ompl.live.simulation import (
     ALL_KEYPOINTS,
     ContactMonitor,
@@ -106,7 +106,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         return partial(_drive_program, still, people, actors=found, faults=faults, options=options)
     setup = setup_scenario(still, robot)
 
-    def world(ways: Sequence[Trajectory] | Tour) -> Simulation:
+    def world(ways: Sequence[Trajectory] | Route) -> Simulation:
         around = Surroundings(found.scene, trackers, found.speeds, people)
         replanner = Replanner(robot, around, options=ReplanningOptions(options.tick), prover=setup.motion_prover)
         return Simulation(replanner, ways, found.people, found.objects, faults=faults)
@@ -118,12 +118,12 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 def _drive(
     scenario: Scenario,
     setup: SafeSetup,
-    world: Callable[[Sequence[Trajectory] | Tour], Simulation],
+    world: Callable[[Sequence[Trajectory] | Route], Simulation],
     options: argparse.Namespace,
 ) -> int:
     """Plan there and back, or between all places in any order, and drive that again and again."""
     if options.any_order:
-        return _simulate(world(_tour(scenario, setup, options)), options)
+        return _simulate(world(_route(scenario, setup, options)), options)
     robot, prover = setup.robot, setup.motion_prover
     result = setup.plan(arguments.PLANNER, **arguments.run_options(options, scenario, arguments.PLANNER))
     if result.path is None:
@@ -133,7 +133,7 @@ def _drive(
     return _simulate(world(ways), options)
 
 
-def _tour(scenario: Scenario, setup: SafeSetup, options: argparse.Namespace) -> Tour:
+def _route(scenario: Scenario, setup: SafeSetup, options: argparse.Namespace) -> Route:
     """Plan between each two of the start and the goal's configurations."""
 
     def to_and_fro(start: FloatArray, goal: FloatArray) -> list[Trajectory]:
@@ -144,7 +144,7 @@ def _tour(scenario: Scenario, setup: SafeSetup, options: argparse.Namespace) -> 
         return [timed_way(way, robot, setup.motion_prover, scenario) for way in (result.path, result.path[::-1])]
 
     robot = setup.robot
-    return Tour.between([scenario.start_configuration(robot), *scenario.goal_configurations(robot)], to_and_fro)
+    return Route.between([scenario.start_configuration(robot), *scenario.goal_configurations(robot)], to_and_fro)
 
 
 def _drive_program(
@@ -162,24 +162,24 @@ def _drive_program(
     def around(scene: Scene) -> Surroundings:
         return Surroundings(scene.with_obstacles(*movable), trackers, actors.speeds, people)
 
-    legs = program_legs(result, around, ReplanningOptions(options.tick))
-    simulation = ProgramSimulation(legs, actors.people, actors.objects, faults=faults)
+    segments = program_segments(result, around, ReplanningOptions(options.tick))
+    simulation = ProgramSimulation(segments, actors.people, actors.objects, faults=faults)
     status = _simulate(simulation, options)
     steps = len(scenario.program.steps)
-    if not simulation.legs.finished:
-        output.console().print(f"not finished: at step {simulation.legs.current.step + 1} of {steps}")
+    if not simulation.segments.finished:
+        output.console().print(f"not finished: at step {simulation.segments.current.step + 1} of {steps}")
         return status or 1
     output.console().print(f"all {steps} steps done in {simulation.summary.seconds:.2f} s")
     return status
 
 
-def program_legs(
+def program_segments(
     result: ProgramResult, around: Callable[[Scene], Surroundings], options: ReplanningOptions
-) -> list[Leg]:
+) -> list[Segment]:
     """Return what is driven of a program that is planned; `around` says who is around the obstacles of a scene."""
     program, own = result.scenario.program, result.scenario.motion
     assert program is not None
-    legs: list[Leg] = []
+    segments: list[Segment] = []
     for stretch in result.stretches:
         robot, scene, step = stretch.robot, stretch.scene, stretch.step
         if stretch.curve is not None and stretch.check.limits is not None:
@@ -187,10 +187,10 @@ def program_legs(
             ways = replace(options, detours=may_leave, retreats=may_leave, joints=stretch.joints)
             replanner = Replanner(robot, around(scene), options=ways, prover=stretch.check.proof)
             timer = PathTimer(robot, stretch.check.limits, tool_speed=own.tool_speed, link_speed=own.link_speed)
-            legs.append(Leg(replanner, timer.along(stretch.curve), robot, scene, step))
-        elif legs:
-            legs.append(Leg(legs[-1].replanner, None, robot, scene, step, stretch.motion.duration))
-    return legs
+            segments.append(Segment(replanner, timer.along(stretch.curve), robot, scene, step))
+        elif segments:
+            segments.append(Segment(segments[-1].replanner, None, robot, scene, step, stretch.motion.duration))
+    return segments
 
 
 def _simulate(simulation: Simulation, options: argparse.Namespace) -> int:

@@ -14,18 +14,18 @@ import numpy as np
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.live import limits_of_still, people_who_move, program_legs, timed_way
+from safe_ompl.apps.cli.live import limits_of_still, people_who_move, program_segments, timed_way
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError
 from safe_ompl.geometry import STANDING, Obstacle, Person, PointCloud
 from safe_ompl.io import ticks_header
 from safe_ompl.live import Surroundings, TrackedBody, Tracker, find_skeleton
-from safe_ompl.live.replanning import Legs, PathLimits, Replanner, ReplanningOptions, Shield
+from safe_ompl.live.replanning import Replanner, ReplanningOptions, SegmentSequence, Shield, SpeedLimits
 from safe_ompl.live.ros import (
     ACTION,
     Cell,
     ControlOptions,
     Execution,
-    Frames,
+    FramePlaces,
     LiveController,
     in_metres,
     trajectory_action,
@@ -147,7 +147,7 @@ def _run(scenario: Scenario, trackers: dict[str, Tracker], control: ControlOptio
         if options.mcap is not None:
             header = ticks_header(options.tick, cell.robot, around, cell.moving)
             log = stack.enter_context(closing(McapLog(options.mcap, header)))
-        frames, still = Frames(cell.robot, scenario.frames, lookup_of(node)), around.without(*cell.objects)
+        frames, still = FramePlaces(cell.robot, scenario.frames, lookup_of(node)), around.without(*cell.objects)
         ros = RosNode(node, controller, frames, still, log, guarded=options.controller)
         name = node.get_fully_qualified_name()
         ros.run(lambda: output.error_console().print(f"{name}: ready; Ctrl-C ends it"))
@@ -169,7 +169,7 @@ def cell_of(
         def among(scene: Scene) -> Surroundings:
             return Surroundings(scene.with_obstacles(*movable), trackers, moving, people)
 
-        def work(start: FloatArray, goal: FloatArray, cloud: Obstacle | None) -> Legs:
+        def work(start: FloatArray, goal: FloatArray, cloud: Obstacle | None) -> SegmentSequence:
             return legs_of(limited, robot, start, among, control, options)
 
         return Cell(program_robot(limited), trackers, moving, work, program=True, moving=described)
@@ -183,7 +183,7 @@ def cell_of(
         around = Surroundings(scenario.scene.with_obstacles(*seen), trackers, moving, people)
         if options.shield or isinstance(goal, Execution):
             rates = RateLimits.of(robot, own.velocity, own.acceleration, own.jerk)
-            limits = PathLimits(rates, own.tool_speed, own.link_speed)
+            limits = SpeedLimits(rates, own.tool_speed, own.link_speed)
             shield = Shield(
                 robot, around, options=replace(control.replanning, limits=limits), prover=setup.motion_prover
             )
@@ -209,7 +209,7 @@ def legs_of(
     around: Callable[[Scene], Surroundings],
     control: ControlOptions,
     options: argparse.Namespace,
-) -> Legs:
+) -> SegmentSequence:
     """Plan the program of a scenario from where all joints are, those of grippers where it has them."""
     here = dict(zip(program_robot(scenario).joint_names, start.tolist(), strict=True))
     asked = replace(scenario, start=tuple(here[name] for name in arm.joint_names))
@@ -219,7 +219,7 @@ def legs_of(
     result = plan_program(asked, time=options.time or PROGRAM_TIME, seed=options.seed)
     if not result:
         raise PlanningError(result.why)
-    return Legs(program_legs(result, around, control.replanning))
+    return SegmentSequence(program_segments(result, around, control.replanning))
 
 
 def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
@@ -234,7 +234,7 @@ def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
     cloud = Obstacle("cloud", PointCloud(0.01, points=np.array([[-0.9, -0.9, 0.0]])))
     body = 1.75 * np.array(list(STANDING.values())) + np.array([0.9, 0.0, -0.75])
     pilot = cell.plan(start, goal, cloud)
-    assert not isinstance(pilot, Legs)
+    assert not isinstance(pilot, SegmentSequence)
     for k in range(_REHEARSED):
         time = control.replanning.tick * k
         pilot.update({_SOMEBODY: body - [1.5 * time, 0.0, 0.0]}, {}, time)

@@ -1,10 +1,9 @@
-from .guard import (
+from .bounded_path import SpeedLimits as SpeedLimits
+from .commands import (
+    Action as Action,
     Command as Command,
-    Doing as Doing,
-    Guard as Guard,
     ReplanningOptions as ReplanningOptions,
     stop_as_dict as stop_as_dict,
 )
-from .guarded_path import PathLimits as PathLimits
-from .replanner import Leg as Leg, Legs as Legs, Replanner as Replanner, Tour as Tour
+from .replanner import Replanner as Replanner, Route as Route, Segment as Segment, SegmentSequence as SegmentSequence
 from .shield import Shield as Shield, ShieldCommand as ShieldCommand

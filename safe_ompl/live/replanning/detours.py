@@ -14,9 +14,8 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray
-from safe_ompl.live.replanning.bodies import RobotBodies
-from safe_ompl.live.replanning.guard import Command
-from safe_ompl.live.replanning.guarded_path import Around, GuardedPath, PathLimits, line
+from safe_ompl.live.replanning.bounded_path import Around, BoundedPath, RobotBodies, SpeedLimits, line
+from safe_ompl.live.replanning.commands import Command
 from safe_ompl.motions import Motion, blended
 
 _log = logging.getLogger(__name__)
@@ -61,7 +60,7 @@ class Detours:
         self,
         prover: MotionProver,
         bodies: RobotBodies,
-        limits: PathLimits,
+        limits: SpeedLimits,
         tick: float,
         movable: BoolArray | bool = True,
     ) -> None:
@@ -74,7 +73,7 @@ class Detours:
         self._edges: defaultdict[tuple[int, int], _Edge] = defaultdict(_Edge)
         self._passing: dict[str, int] = {}  # the milestones that are moved to starts and goals
         # A path that nobody can slow down before a time [s].
-        self._undisturbed: tuple[GuardedPath | None, float] = (None, 0.0)
+        self._undisturbed: tuple[BoundedPath | None, float] = (None, 0.0)
         self._paths = lru_cache(_KEPT)(self._straight)
 
     # ------------------------------------------------------------------------------------------------- milestones
@@ -155,13 +154,13 @@ class Detours:
             edge.time, edge.until = float(costs.sum()), now + max(_STALE, _AWAY / fastest, left)
         return edge.time if edge.free else np.inf
 
-    def _between(self, start: FloatArray, end: FloatArray) -> GuardedPath:
+    def _between(self, start: FloatArray, end: FloatArray) -> BoundedPath:
         """Return the straight motion between two configurations (n,), in coarse cells."""
         return self._paths(start.tobytes(), end.tobytes())
 
-    def _straight(self, start: bytes, end: bytes) -> GuardedPath:
+    def _straight(self, start: bytes, end: bytes) -> BoundedPath:
         a, b = np.frombuffer(start), np.frombuffer(end)
-        return GuardedPath.along(self._bodies, line(a, a + self._robot.difference(a, b)), self.limits, _STEP)
+        return BoundedPath.along(self._bodies, line(a, a + self._robot.difference(a, b)), self.limits, _STEP)
 
     # ----------------------------------------------------------------------------------------------------- search
 
@@ -243,7 +242,7 @@ class Detours:
 
     def search(
         self, command: Command, around: Around, now: float, units: int, others: Sequence[FloatArray] = ()
-    ) -> tuple[GuardedPath, float] | None:
+    ) -> tuple[BoundedPath, float] | None:
         """Return a quicker path to a goal that leaves the command's path where its stop ends; None if none is found.
 
         The goal is the end of that path, or one of the `others`, each (n,).
@@ -276,7 +275,7 @@ class Detours:
             return None
         points = self._shortened(found[0], around)
         curve = blended(np.array(points), self._robot, _TOLERANCE, self._prover, self.limits.joints)
-        way = GuardedPath.along(self._bodies, curve, self.limits)
+        way = BoundedPath.along(self._bodies, curve, self.limits)
         costs = float(way.coarse.pace(around, self._tick)[0].sum())
         if costs > min(_GAIN * stay, stay - _WORTH):
             return None

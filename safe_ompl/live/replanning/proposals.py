@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, finite_array, number, polynomials
-from safe_ompl.live.replanning.stop_motion import BENDS, averaging_window
+from safe_ompl.live.replanning.bounded_path import BENDS, averaging_window
 from safe_ompl.motions import BRAKING, Cells, Motion, RateLimits, State, bending_cap
 from safe_ompl.robot import Robot
 

@@ -15,7 +15,7 @@ nearer than its place on the axis less r‖u⊥‖. It recedes from all who are 
 What does not recede must be kept from as ever. A body that must recede is no faster than
 `RETREAT_SPEED`. People who run after it may touch it, as they may touch one that stands.
 
-A program is driven in legs: one replanner for each stretch, which takes over where the one before rests. On a tour
+A program is driven in segments: one replanner for each stretch, which takes over where the one before rests. On a route
 places are visited in whichever order is soonest.
 """
 
@@ -31,11 +31,9 @@ from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray, InputError
 from safe_ompl.live import ReachSets
 from safe_ompl.live.kernels import CellFrames, chords_ahead, separating_axes
-from safe_ompl.live.replanning.bodies import RobotBodies
+from safe_ompl.live.replanning.bounded_path import BoundedPath, RobotBodies, SpeedLimits, StopLaw, line
+from safe_ompl.live.replanning.commands import Action, Command, CommandProver
 from safe_ompl.live.replanning.detours import Detours
-from safe_ompl.live.replanning.guard import Command, Doing, Guard
-from safe_ompl.live.replanning.guarded_path import GuardedPath, PathLimits, line
-from safe_ompl.live.replanning.stop_motion import StopMotion
 from safe_ompl.motions import SEPARATION, Trajectory, first_unproven
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -54,7 +52,7 @@ _FAR = 0.35  # [m] who is farther away need not be looked at
 _LEAST = 0.02  # [m/rad] distances must grow by this at least
 
 
-class Replanner(Guard):
+class Replanner(CommandProver):
     """Drives a robot along trajectories beside people and things that move.
 
     What is executed is always proven: the motion until the next tick and the stop on the path after it touch nobody
@@ -64,15 +62,15 @@ class Replanner(Guard):
     them, but who runs after it may touch it. Or it follows the stop of the tick before: its proof still holds, because
     it covers all that people may do until the robot stands. It goes on as soon as a motion is proven again.
 
-    Parameters are those of `Guard`. Trajectories and detours keep the limits of the prover. Where the
+    Parameters are those of `CommandProver`. Trajectories and detours keep the limits of the prover. Where the
     trajectory's limits have a jerk all that is driven keeps to it, stops and detours, too.
     """
 
     detours: Detours | None = None  # None before the first trajectory, and if they are not searched
-    _path: GuardedPath | None = None
+    _path: BoundedPath | None = None
     _others: tuple[FloatArray, ...] = ()  # goals that would do as well
-    _detour: tuple[GuardedPath, float] | None = None  # and where on the path it begins
-    _retreat: GuardedPath | None = None  # from where the robot stands
+    _detour: tuple[BoundedPath, float] | None = None  # and where on the path it begins
+    _retreat: BoundedPath | None = None  # from where the robot stands
     _retreats: Retreats | None = None
 
     def start(self, trajectory: Trajectory, others: Sequence[FloatArray] = ()) -> None:
@@ -87,10 +85,10 @@ class Replanner(Guard):
             raise InputError(
                 f"the trajectory is of the joints {trajectory.joint_names}, the robot's are {self.robot.joint_names}"
             )
-        path = GuardedPath.along(self.bodies, trajectory.curve, PathLimits.of(trajectory))
+        path = BoundedPath.along(self.bodies, trajectory.curve, SpeedLimits.of(trajectory))
         last = self._last
         if last is not None:
-            if last.doing not in (Doing.DONE, Doing.STANDING):
+            if last.action not in (Action.DONE, Action.STANDING):
                 raise InputError("the robot still moves: start when it stands or is done")
             away = self.robot.difference(last.at(np.inf).q, path.curve.places(np.zeros(1)).q[0])
             if np.abs(away).max() > _SAME:
@@ -117,7 +115,7 @@ class Replanner(Guard):
         if self.detours is None or not self.surroundings.known:
             return int(np.argmin([trajectory.duration for trajectory in trajectories]))
         around = self._around(self.surroundings.time)
-        paths = (GuardedPath.along(self.bodies, one.curve, PathLimits.of(one)) for one in trajectories)
+        paths = (BoundedPath.along(self.bodies, one.curve, SpeedLimits.of(one)) for one in trajectories)
         return int(np.argmin([path.coarse.pace(around, self.tick)[0].sum() for path in paths]))
 
     def resume(self, command: Command | None) -> None:
@@ -157,13 +155,13 @@ class Replanner(Guard):
         So many units of work may be done: an estimate for an edge is 1, a proof of one 8. What was learnt is kept.
         """
         command = self._last
-        if command is None or not self.surroundings.known or command.doing is Doing.DONE:
+        if command is None or not self.surroundings.known or command.action is Action.DONE:
             return False
         now = max(command.time, self.surroundings.time)
         around = self._around(now)
         if self.detours is not None:
             self._detour = self.detours.search(command, around, now, units, self._others)
-        if self._detour is None and self._retreats is not None and command.doing is Doing.STANDING:
+        if self._detour is None and self._retreats is not None and command.action is Action.STANDING:
             at = float(command.motion.places[-1])
             self._retreat = self._retreats.search(command.path, at, around.sets)
         for way in (self._path, self._retreat):
@@ -172,14 +170,14 @@ class Replanner(Guard):
         return self._detour is not None
 
     def _retreating(
-        self, found: Command | None, path: GuardedPath, s: float, speed: float, time: float
+        self, found: Command | None, path: BoundedPath, s: float, speed: float, time: float
     ) -> Command | None:
         """Return a retreat if it gets much farther than what was found, or goes on; else what was found."""
-        if found is not None and (found.path is not path or found.doing in (Doing.MOVING, Doing.DONE)):
+        if found is not None and (found.path is not path or found.action in (Action.MOVING, Action.DONE)):
             return found
         last = self._last
         gets = 0.0 if found is None else found.motion.at(self.tick)[0] - s
-        if last is None or last.doing is not Doing.RETREATING:
+        if last is None or last.action is not Action.RETREATING:
             if max(speed * self.tick, gets) > _CRAWL * self.tick:
                 return found
             gets *= _FARTHER
@@ -190,7 +188,7 @@ class Replanner(Guard):
             return self._recede(self._retreat, 0.0, 0.0, time)
         return found
 
-    def _recede(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+    def _recede(self, path: BoundedPath, s: float, speed: float, time: float) -> Command | None:
         """Return the fastest motion from (s, ṡ) that recedes from all who are near. None if none is."""
         if self.surroundings.trouble(time, self.options.lost_after) is not None:
             return None
@@ -203,14 +201,14 @@ class Replanner(Guard):
             margin = path.margin(motion, around, receding=receding.along(motion))
             if margin.margin >= 0:
                 why = margin, self._margin.description, SEPARATION
-                return Command(time, self.surroundings.time, path, motion, Doing.RETREATING, *why)
+                return Command(time, self.surroundings.time, path, motion, Action.RETREATING, *why)
         return None
 
 
 class Receding:
     """Which bodies (G,) recede from which of M limbs along motions that begin at s of a path."""
 
-    def __init__(self, path: GuardedPath, s: float, sets: ReachSets) -> None:
+    def __init__(self, path: BoundedPath, s: float, sets: ReachSets) -> None:
         self._path, self._s, self._sets = path, s, sets
         frames = path.bodies.frames(path.curve.places(np.array([s])).q)
         self._axes, self._apart = _ahead(path.bodies, frames, sets)
@@ -220,7 +218,7 @@ class Receding:
             lost = path.bodies.swept(g, frames, self._axes[g, near])
             self._always[g, near[self._apart[g, near] > lost]] = True
 
-    def along(self, motion: StopMotion) -> BoolArray:
+    def along(self, motion: StopLaw) -> BoolArray:
         """Return which (G, M) do along a motion; where it goes through a corner only those that always do."""
         path, last = self._path, float(motion.places[-1])
         found, corners = self._always.copy(), path.edges[path.stops]
@@ -246,18 +244,18 @@ class Retreats:
     """Searches motions of `movable: (n,)` joints that recede from people, free of what stands still."""
 
     def __init__(
-        self, prover: MotionProver, bodies: RobotBodies, limits: PathLimits, movable: BoolArray | bool = True
+        self, prover: MotionProver, bodies: RobotBodies, limits: SpeedLimits, movable: BoolArray | bool = True
     ) -> None:
         self._prover, self._bodies, self._limits, self._movable = prover, bodies, limits, movable
 
-    def search(self, path: GuardedPath, s: float, sets: ReachSets) -> GuardedPath | None:
+    def search(self, path: BoundedPath, s: float, sets: ReachSets) -> BoundedPath | None:
         """Return a motion away from all who are near a robot that stands at s of a path, back, and on; or None."""
         q = path.curve.places(np.array([s])).q[0]
         end = self._away(q, sets)
         if end is None:
             return None
         out, back, rest = (
-            GuardedPath.along(self._bodies, curve, self._limits)
+            BoundedPath.along(self._bodies, curve, self._limits)
             for curve in (line(q, end), line(end, q), path.curve.part(s, path.length))
         )
         return out.then(back).then(rest)
@@ -300,11 +298,11 @@ def _away_from_all(rates: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Leg:
+class Segment:
     """What is driven without a change of robot or scene; then the robot rests for a pause [s].
 
-    Without a trajectory it only rests, and the replanner is the one of the leg before. A leg that must stay on its
-    curve has a replanner without detours and retreats.
+    Without a trajectory it only rests, and the replanner is the one of the segment before. A segment that must
+    stay on its curve has a replanner without detours and retreats.
     """
 
     replanner: Replanner
@@ -315,41 +313,41 @@ class Leg:
     pause: float = 0.0
 
 
-class Legs:
-    """Legs in their order, each driven once; raises InputError if there is none, or a trajectory is not free."""
+class SegmentSequence:
+    """Segments in their order, each driven once; raises InputError if there is none, or a trajectory is not free."""
 
-    def __init__(self, legs: Sequence[Leg]) -> None:
-        if not legs or legs[0].trajectory is None:
-            raise InputError("there is nothing to drive", "legs")
-        self.legs, self.done = tuple(legs), 0
+    def __init__(self, segments: Sequence[Segment]) -> None:
+        if not segments or segments[0].trajectory is None:
+            raise InputError("there is nothing to drive", "segments")
+        self.segments, self.done = tuple(segments), 0
         self._rests_since: float | None = None
-        for leg in self.legs:
-            if leg.trajectory is not None:
-                leg.replanner.start(leg.trajectory)
+        for segment in self.segments:
+            if segment.trajectory is not None:
+                segment.replanner.start(segment.trajectory)
 
     @property
-    def current(self) -> Leg:
-        """The leg that is driven now, or was last."""
-        return self.legs[min(self.done, len(self.legs) - 1)]
+    def current(self) -> Segment:
+        """The segment that is driven now, or was last."""
+        return self.segments[min(self.done, len(self.segments) - 1)]
 
     @property
     def finished(self) -> bool:
         """Whether all are done."""
-        return self.done == len(self.legs)
+        return self.done == len(self.segments)
 
     def go_on(self, now: float) -> None:
-        """Begin the next leg, if the robot, which stands at the end of this one, has rested as long as it must."""
-        leg = self.current
+        """Begin the next segment, if the robot, which stands at the end of this one, has rested as long as it must."""
+        segment = self.current
         self._rests_since = now if self._rests_since is None else self._rests_since
-        if self.finished or now < self._rests_since + leg.pause:
+        if self.finished or now < self._rests_since + segment.pause:
             return
         self.done += 1
         self._rests_since = None
-        if self.current.replanner is not leg.replanner:
-            self.current.replanner.surroundings.take_over(leg.replanner.surroundings)
+        if self.current.replanner is not segment.replanner:
+            self.current.replanner.surroundings.take_over(segment.replanner.surroundings)
 
 
-class Tour:
+class Route:
     """Places that a robot visits in any order, each once in a round: next the one where it is expected to be soonest.
 
     `ways` has a trajectory from each of the K ≥ 2 places to each other one, by their numbers; it begins at place 0.
@@ -364,8 +362,8 @@ class Tour:
     @classmethod
     def between(
         cls, places: Sequence[FloatArray], to_and_fro: Callable[[FloatArray, FloatArray], Sequence[Trajectory]]
-    ) -> Tour:
-        """Return the tour of some places, each (n,); the function returns the ways between two of them."""
+    ) -> Route:
+        """Return the route between some places, each (n,); the function returns the ways between two of them."""
         ways: dict[tuple[int, int], Trajectory] = {}
         for i, k in combinations(range(len(places)), 2):
             ways[i, k], ways[k, i] = to_and_fro(places[i], places[k])

@@ -31,10 +31,9 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision import MotionVerdict, Verdict
 from safe_ompl.common import InputError, SafeOmplError, finite_array
 from safe_ompl.live import ReachSets
-from safe_ompl.live.replanning.guard import Command, Doing, Guard
-from safe_ompl.live.replanning.guarded_path import Around, GuardedPath, PathLimits
+from safe_ompl.live.replanning.bounded_path import Around, BoundedPath, SpeedLimits, averaging_window
+from safe_ompl.live.replanning.commands import Action, Command, CommandProver
 from safe_ompl.live.replanning.proposals import HARDEST, Piece, Positions, Velocity, curve_of, least_brake, proposed_cap
-from safe_ompl.live.replanning.stop_motion import averaging_window
 from safe_ompl.motions import Motion, RateLimits, State
 
 _log = logging.getLogger(__name__)
@@ -56,17 +55,17 @@ class ShieldCommand(Command):
     delay: float = 0.0  # How far it will be behind the timing of the newest proposal when the tick is over [s]
 
 
-class Shield(Guard):
+class Shield(CommandProver):
     """Lets a robot follow what a policy, a teleoperator or another planner proposes, as far as that is proven.
 
     At every tick: `update` with what sensors saw, one of `propose`, `propose_velocity` and `propose_twist`, and
     `command`. The robot stays on the proposed path and is as near to the proposed timing as limits and proofs allow.
     Without a new proposal it goes on with the last one. Without a new command it ends in the stop of the last one.
 
-    Parameters are those of `Guard`.
+    Parameters are those of `CommandProver`.
     """
 
-    _rest: GuardedPath | None = None
+    _rest: BoundedPath | None = None
     _proposal: Positions | Velocity | None = None
     _refused = _NOTHING
     _way: _Way | None = None  # that the last command follows
@@ -74,10 +73,10 @@ class Shield(Guard):
     _clock = _begin = np.nan
 
     @cached_property
-    def limits(self) -> PathLimits:
+    def limits(self) -> SpeedLimits:
         """Limits of joints, tool and links."""
         given = self.options.limits
-        return PathLimits(RateLimits.of(self.robot)) if given is None else given
+        return SpeedLimits(RateLimits.of(self.robot)) if given is None else given
 
     @cached_property
     def _window(self) -> float:
@@ -90,7 +89,7 @@ class Shield(Guard):
     def start(self, q: ArrayLike) -> None:
         """Take where the robot stands (n,) [rad or m], within the joint limits; what was proposed is forgotten."""
         last = self._last
-        if last is not None and last.doing not in (Doing.DONE, Doing.STANDING):
+        if last is not None and last.action not in (Action.DONE, Action.STANDING):
             raise InputError("the robot still moves: start when it stands or is done")
         here = self.robot.configuration(q)
         if (beyond := self.robot.beyond_limits(here)) is not None:
@@ -205,13 +204,13 @@ class Shield(Guard):
         return self._given(ShieldCommand(**vars(found), follows=follows, delay=delay), time)
 
     def log_tick(self) -> dict[str, Any]:
-        """Return what `Guard.log_tick` says, and whether the command follows the newest proposal, how far behind."""
+        """Return a tick of a log; besides, whether the command follows the newest proposal, and how far behind."""
         found, last = super().log_tick(), self._last
         assert isinstance(last, ShieldCommand)
         return {**found, "follows": last.follows, "delay": last.delay}
 
-    def _slower(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
-        """Return what `Guard` does of the path with ṡ bounded near to what it is, or of full acceleration on it.
+    def _slower(self, path: BoundedPath, s: float, speed: float, time: float) -> Command | None:
+        """Return the fastest proven motion with less acceleration, or with a bound of ṡ near to what ṡ is.
 
         Bends then take less of the accelerations, so that the stop is shorter.
         """
@@ -299,8 +298,8 @@ class Shield(Guard):
             return None, ""
         return _Way(proposal, path, begin, whole and not blocked, blocked), ""
 
-    def _path(self, curve: Motion) -> GuardedPath:
-        path = GuardedPath.along(self.bodies, curve, self.limits, _CELL, proposed_cap)
+    def _path(self, curve: Motion) -> BoundedPath:
+        path = BoundedPath.along(self.bodies, curve, self.limits, _CELL, proposed_cap)
         return replace(path, brakes=np.minimum(path.brakes, HARDEST))
 
 
@@ -308,7 +307,7 @@ class _Way(NamedTuple):
     """A path along a proposal."""
 
     proposal: Positions | Velocity
-    path: GuardedPath
+    path: BoundedPath
     begin: float  # where in the proposal it begins [s]
     whole: bool  # whether it reaches the end of the proposal
     blocked: str  # what stands still in its way, if anything
@@ -318,14 +317,14 @@ def _explained(command: Command, way: _Way, s: float, tick: float) -> Command:
     """Return a command on a way with the reason why it is slower than proposed, if nobody who moves is that."""
     if command.reason:
         return command
-    if command.doing is Doing.DONE:
-        return replace(command, doing=Doing.STANDING, reason=way.blocked) if way.blocked else command
+    if command.action is Action.DONE:
+        return replace(command, action=Action.STANDING, reason=way.blocked) if way.blocked else command
     if way.blocked and command.motion.places[-1] >= way.path.length - _SAME:
-        return replace(command, doing=Doing.SLOWED, reason=way.blocked)
+        return replace(command, action=Action.SLOWED, reason=way.blocked)
     in_time = min(s + tick, way.path.length) if way.whole else s + tick
     if command.motion.at(tick)[0] < in_time - _SAME:
         why = "limits of the joints, or the stop at the end of the proposal"
-        return replace(command, doing=Doing.SLOWED, reason=why)
+        return replace(command, action=Action.SLOWED, reason=why)
     return command
 
 

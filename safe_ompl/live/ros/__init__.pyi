@@ -9,7 +9,7 @@ from .execution import (
     TrajectoryGuard as TrajectoryGuard,
 )
 from .logs import Bag as Bag, McapLog as McapLog, read_joint_log as read_joint_log, read_log as read_log
-from .messages import Frames as Frames, in_metres as in_metres
+from .messages import FramePlaces as FramePlaces, in_metres as in_metres
 from .ros_node import (
     RosNode as RosNode,
     lookup_of as lookup_of,

@@ -27,7 +27,15 @@ import numpy as np
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, Section, UnknownNameError, key, number
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.live import Tracker
-from safe_ompl.live.replanning import Command, Doing, Legs, Replanner, ReplanningOptions, Shield, stop_as_dict
+from safe_ompl.live.replanning import (
+    Action,
+    Command,
+    Replanner,
+    ReplanningOptions,
+    SegmentSequence,
+    Shield,
+    stop_as_dict,
+)
 from safe_ompl.live.ros.messages import by_name, goal_of
 from safe_ompl.live.ros.sightings import CloudView, Joints, Sightings
 from safe_ompl.motions import Motion, State
@@ -52,7 +60,7 @@ class Cell:
     objects: Mapping[str, float]  # Obstacles that move, and bounds of their speeds [m/s]
     # Of start (n,) and goal, and the cloud: a replanner that has started; a SafeOmplError says why there is no way.
     # Shields and programs have no goal: they begin at the start.
-    plan: Callable[[FloatArray, Any, Obstacle | None], Replanner | Shield | Legs]
+    plan: Callable[[FloatArray, Any, Obstacle | None], Replanner | Shield | SegmentSequence]
     shielded: bool = False  # Whether proposals are followed, and not goals
     program: bool = False  # Whether a program is driven
     moving: Mapping[str, Any] = field(default_factory=dict)  # Who and what moves, as the header of ticks has it
@@ -90,7 +98,7 @@ class LiveController:
         self.cell, self.options, self._clock = cell, options, clock
         self._executor = ThreadPoolExecutor(1) if executor is None else executor
         self._now = -np.inf
-        self._planning: Future[Replanner | Shield | Legs] | None = None
+        self._planning: Future[Replanner | Shield | SegmentSequence] | None = None
         self.goal: Any = None  # a configuration (n,), or what else `Cell.plan` takes
         self._wanted = cell.shielded  # whatever the goal
         self._why, self.blocked = "nothing was proposed yet" if cell.shielded else "no goal yet", ""
@@ -107,7 +115,7 @@ class LiveController:
         self._proven_cloud: CloudView | None = None
         self._strangers: tuple[float, str] = (-np.inf, "")
         self._pilot: Replanner | Shield | None = None
-        self.legs: Legs | None = None  # of the program that is driven, or was
+        self.segments: SegmentSequence | None = None  # of the program that is driven, or was
         self.driving = False
         self._start: FloatArray = np.zeros(self.cell.robot.n)  # of the path that is planned
         self.command: Command | None = None
@@ -175,8 +183,8 @@ class LiveController:
         """Drive the program, from where it stopped if it was not done; or stop, and stay."""
         if wanted and not self.cell.program:
             raise InputError("the scenario has no program", "run")
-        if wanted and self.legs is not None and self.legs.finished:
-            self.legs = None
+        if wanted and self.segments is not None and self.segments.finished:
+            self.segments = None
         self._wanted = wanted
         if not wanted:
             self._planning = None
@@ -285,12 +293,12 @@ class LiveController:
                 return
             self._commands.append(command)
         self.command, self.told_by, self._why = command, self._pilot, command.reason
-        if command.doing is not Doing.DONE or self.cell.shielded:
+        if command.action is not Action.DONE or self.cell.shielded:
             return
-        if self.legs is not None:
-            self.legs.go_on(self._now)
-            self._pilot = self.legs.current.replanner
-            if not self.legs.finished:
+        if self.segments is not None:
+            self.segments.go_on(self._now)
+            self._pilot = self.segments.current.replanner
+            if not self.segments.finished:
                 return
         self.goal, self._wanted, self.driving, self._why = None, False, False, _ARRIVED
 
@@ -321,7 +329,7 @@ class LiveController:
         if self.command is not None:  # what it was told is without the errors of its control
             rest = self.command.at(np.inf).q
             away = self._apart(rest, start)
-            if self.legs is not None:
+            if self.segments is not None:
                 self._resume(away)
                 return
             start = start if self._astray(away, "") else rest
@@ -336,11 +344,11 @@ class LiveController:
 
     def _resume(self, away: FloatArray) -> None:
         """Go on with the program, if the joints are no farther (n,) from where it stopped than they may be."""
-        assert self.legs is not None
+        assert self.segments is not None
         if why := self._astray(away, "the program goes on"):
             self._why = why
             return
-        replanner = self.legs.current.replanner
+        replanner = self.segments.current.replanner
         replanner.resume(self.command if self.told_by is replanner else None)
         self.driving = True
 
@@ -357,8 +365,8 @@ class LiveController:
             return
         if self.joints is None or self._astray(self._apart(self._start, self.joints.q), ""):
             return  # the robot was moved meanwhile: plan anew
-        self.legs = found if isinstance(found, Legs) else None
-        self._pilot = found.current.replanner if isinstance(found, Legs) else found
+        self.segments = found if isinstance(found, SegmentSequence) else None
+        self._pilot = found.current.replanner if isinstance(found, SegmentSequence) else found
         self._sightings.restart()
         self.driving, self.command = True, None
         self._commands.clear()
@@ -367,15 +375,15 @@ class LiveController:
 
     @property
     def state(self) -> str:
-        """What the robot does, in one word: as `Doing` says; planning, or standing, and done without a goal."""
+        """What the robot does, in one word: as `Action` says; planning, or standing, and done without a goal."""
         if self.driving and self.command is not None:
-            rests = self.legs is not None and self.command.doing is Doing.DONE  # between two legs
-            return (Doing.STANDING if rests else self.command.doing).value
+            rests = self.segments is not None and self.command.action is Action.DONE  # between two segments
+            return (Action.STANDING if rests else self.command.action).value
         if self.command is not None and self._now < self.command.standstill:
-            return Doing.BRAKING.value
+            return Action.BRAKING.value
         if self._planning is not None:
             return "planning"
-        return Doing.DONE.value if self._why == _ARRIVED else Doing.STANDING.value
+        return Action.DONE.value if self._why == _ARRIVED else Action.STANDING.value
 
     def stop(self) -> tuple[FloatArray, Sequence[Any]]:
         """Return times [s] and states of the rest of the command until the robot stands; none before the first one."""
@@ -389,9 +397,9 @@ class LiveController:
         still = np.full(self.cell.robot.n, np.nan) if self.joints is None else self.joints.q
         command = self.command
         work = {}
-        if self.legs is not None:
-            leg = self.legs.current
-            work = {"step": leg.step + 1, "holds": ", ".join(item.name for item in leg.robot.spec.attached)}
+        if self.segments is not None:
+            segment = self.segments.current
+            work = {"step": segment.step + 1, "holds": ", ".join(item.name for item in segment.robot.spec.attached)}
         return {
             "time": self._now,
             "joints_measured": None if self.joints is None else self.joints.time,

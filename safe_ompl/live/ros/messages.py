@@ -208,7 +208,7 @@ def _markers(time: int, found: Mapping[str, Sequence[Message]]) -> Message:
 # ------------------------------------------------------------------------------------------------ what is read
 
 
-class Frames:
+class FramePlaces:
     """Where frames are in the world: the world itself, links that the robot's joints do not move, and given ones.
 
     Other frames are looked up: `lookup(target, frame, header)` is where a frame is in a target at the stamp of the
@@ -263,7 +263,7 @@ def rows_of(trajectory: Any, robot: Robot) -> Iterator[list[FloatArray] | None]:
         yield [by_name(names, row, robot.joint_names) for row in rows] if any(map(len, rows)) else None
 
 
-def people_of_markers(message: Any, skeleton: Skeleton, frames: Frames) -> tuple[float, dict[str, FloatArray]]:
+def people_of_markers(message: Any, skeleton: Skeleton, frames: FramePlaces) -> tuple[float, dict[str, FloatArray]]:
     """Return the time [s] of a `MarkerArray` and the key points (J, 3) of its people [m]; NaN: not seen.
 
     The namespace is the person. The text is the name of the key point; without a text the id is its number. Raises
@@ -294,7 +294,7 @@ def people_of_markers(message: Any, skeleton: Skeleton, frames: Frames) -> tuple
     return time, people
 
 
-def pose_of(message: Any, frames: Frames) -> tuple[float, Pose]:
+def pose_of(message: Any, frames: FramePlaces) -> tuple[float, Pose]:
     """Return the time [s] of a `PoseStamped` and the pose in the world; raise InputError if there is none."""
     position, turn = message.pose.position, message.pose.orientation
     pose = Pose((position.x, position.y, position.z), (turn.x, turn.y, turn.z, turn.w))
@@ -321,7 +321,7 @@ def proposal_of(message: Any, robot: Robot) -> tuple[Motion | FloatArray, float 
     return Motion.hermite(times, positions, velocities, accelerations, robot.joint_names), start
 
 
-def cloud_of(message: Any, radius: float, frames: Frames) -> tuple[float, FloatArray]:
+def cloud_of(message: Any, radius: float, frames: FramePlaces) -> tuple[float, FloatArray]:
     """Return the time [s] of a `PointCloud2` and its finite points (M, 3) in the world [m]; errors as `PointCloud`."""
     points = PointCloud.from_message(message, radius).centres if message.width * message.height else np.zeros((0, 3))
     return stamp_of(message.header), placed(frames.place(message.header), points)

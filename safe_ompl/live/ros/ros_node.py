@@ -75,7 +75,7 @@ def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
 
 
 def lookup_of(node: Any) -> Callable[[str, str, Any], pin.SE3 | None] | None:
-    """Return how `Frames` looks up other frames: with tf2, if it is there."""
+    """Return how `FramePlaces` looks up other frames: with tf2, if it is there."""
     try:
         tf2 = import_module("tf2_ros")
     except ImportError:
@@ -106,7 +106,7 @@ class RosNode:
         self,
         node: Any,
         controller: LiveController,
-        frames: messages.Frames,
+        frames: messages.FramePlaces,
         scene: Scene,
         log: TickLog | None = None,
         *,
@@ -217,8 +217,8 @@ class RosNode:
         if self._server is not None:
             self._server.tell(tick["time"])
         time = messages.nanoseconds(tick["time"])
-        if self._controller.legs is not None:
-            self._show(self._controller.legs.current.scene)
+        if self._controller.segments is not None:
+            self._show(self._controller.segments.current.scene)
         if self._controller.driving:
             self._command()
         self._diagnostics(messages.diagnostics(time, self._robot.name, tick))

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from safe_ompl.common import FloatArray, Section, fraction, key, number
 from safe_ompl.live import ReachSets, ReachViolation, Surroundings
-from safe_ompl.live.replanning import Command, Doing, Leg, Legs, Replanner, Tour
+from safe_ompl.live.replanning import Action, Command, Replanner, Route, Segment, SegmentSequence
 from safe_ompl.live.simulation.movers import Drifting, PersonMover, Solid, World
 from safe_ompl.motions import Trajectory
 from safe_ompl.robot import Robot
@@ -205,7 +205,7 @@ class Simulation:
     """A robot that follows trajectories, beside people and objects that move, which its replanner tracks.
 
     The trajectories are followed one after the other, and again from the first: each begins where the one before ends;
-    or the places of a `Tour` are visited in any order.
+    or the places of a `Route` are visited in any order.
     `summary` is complete once the simulation has run to its end. Looking for contacts takes most of the time; there is
     none if `monitor` is set to None. `reactions` are times from measurements to their commands, on the `clock` [s].
     What is set to `follow` is told each command at once, and returns why a robot does not do that, which then goes on
@@ -217,7 +217,7 @@ class Simulation:
     def __init__(
         self,
         replanner: Replanner,
-        trajectories: Sequence[Trajectory] | Tour,
+        trajectories: Sequence[Trajectory] | Route,
         people: Mapping[str, PersonMover],
         objects: Mapping[str, Drifting] | None = None,
         *,
@@ -246,7 +246,7 @@ class Simulation:
     def ticks(self, seconds: float) -> Generator[dict[str, Any], None, None]:
         """Run for a time [s], and yield ticks as `safe_ompl.io.ticks` describes them."""
         tick = self.replanner.tick
-        if isinstance(self.trajectories, Tour):
+        if isinstance(self.trajectories, Route):
             self.trajectories.start(self.replanner, self.trajectories.places[0])
         elif self.trajectories:
             self.replanner.start(self.trajectories[0])
@@ -292,7 +292,7 @@ class Simulation:
             self.summary.deadlines_missed += 1
             return command, None
         reaction = self._measure(now, command)
-        if command is not None and command.doing is Doing.DONE:
+        if command is not None and command.action is Action.DONE:
             self._go_on(now, command.at(np.inf).q)
         begin = self.clock()
         new = self.replanner.command(now + self.latency)
@@ -304,7 +304,7 @@ class Simulation:
     def _go_on(self, now: float, q: FloatArray) -> None:
         """Start what comes after a trajectory that is done, from `q: (n,)`."""
         self.summary.tasks += 1
-        if isinstance(self.trajectories, Tour):
+        if isinstance(self.trajectories, Route):
             self.trajectories.start(self.replanner, q)
         else:
             self.replanner.start(self.trajectories[self.summary.tasks % len(self.trajectories)])
@@ -313,9 +313,9 @@ class Simulation:
         """Count detours and stops."""
         if old is None:
             return
-        self.summary.detours += new.path is not old.path and old.doing is not Doing.DONE
-        stops = new.doing in (Doing.STANDING, Doing.BRAKING)
-        self.summary.stops += stops and old.doing in (Doing.MOVING, Doing.SLOWED)
+        self.summary.detours += new.path is not old.path and old.action is not Action.DONE
+        stops = new.action in (Action.STANDING, Action.BRAKING)
+        self.summary.stops += stops and old.action in (Action.MOVING, Action.SLOWED)
 
     def _in_force(self, time: float, now: float, old: Command | None, new: Command) -> Command:
         """Return the command that the robot follows at a time [s] of the tick from `now` on."""
@@ -377,7 +377,7 @@ class Simulation:
                     self.monitor.touching.clear()
                     continue
             solids = self.world.solids(keypoints, time)
-            away = moving and command.doing is Doing.RETREATING
+            away = moving and command.action is Action.RETREATING
             nearest = self.monitor.observe(time, state.q, solids, moving=moving and not away, obeyed=good, qd=state.qd)
             for contact in self.monitor.touching.values():
                 contact.retreating |= away
@@ -402,36 +402,36 @@ class Simulation:
 
 
 class ProgramSimulation(Simulation):
-    """Drives `legs` one after the other, each once; the robot stops for people, and goes on from where it stands.
+    """Drives `segments` one after the other, each once; the robot stops for people, and goes on from where it stands.
 
-    Then it rests. The summary counts legs as tasks. Raises InputError as `Legs`.
+    Then it rests. The summary counts segments as tasks. Raises InputError as `SegmentSequence`.
     """
 
     def __init__(
         self,
-        legs: Sequence[Leg],
+        segments: Sequence[Segment],
         people: Mapping[str, PersonMover],
         objects: Mapping[str, Drifting] | None = None,
         *,
         faults: Faults | None = None,
     ) -> None:
-        self.legs = Legs(legs)
-        super().__init__(self.legs.current.replanner, [], people, objects, faults=faults)
+        self.segments = SegmentSequence(segments)
+        super().__init__(self.segments.current.replanner, [], people, objects, faults=faults)
 
     def ticks(self, seconds: float) -> Generator[dict[str, Any], None, None]:
-        """Run for a time [s] or until all legs are driven, and yield ticks as `Simulation.ticks`."""
+        """Run for a time [s] or until all segments are driven, and yield ticks as `Simulation.ticks`."""
         with closing(super().ticks(seconds)) as ticks:
             for tick in ticks:
                 yield tick
-                if self.legs.finished:
+                if self.segments.finished:
                     return
 
     def _go_on(self, now: float, q: FloatArray) -> None:
-        self.legs.go_on(now)
-        self.summary.tasks = self.legs.done
-        leg = self.legs.current
-        if leg.replanner is self.replanner:
+        self.segments.go_on(now)
+        self.summary.tasks = self.segments.done
+        segment = self.segments.current
+        if segment.replanner is self.replanner:
             return
-        self.replanner = leg.replanner
-        contacts, self.monitor = self.monitor.contacts, ContactMonitor(leg.robot)
+        self.replanner = segment.replanner
+        contacts, self.monitor = self.monitor.contacts, ContactMonitor(segment.robot)
         self.monitor.contacts = contacts

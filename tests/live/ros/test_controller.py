@@ -90,9 +90,9 @@ def test_a_program_goes_on_where_it_stopped():
     done = 0
     while drive.time < 60.0 and drive.last[0] != "done":
         drive.run(0.05)
-        if drive.controller.legs.done > done:  # the first answer for each leg comes too late
+        if drive.controller.segments.done > done:  # the first answer for each segment comes too late
             drive.see()
-            done, calls = drive.controller.legs.done, count()
+            done, calls = drive.controller.segments.done, count()
             drive.controller._clock = lambda calls=calls: drive.time + 0.06 * next(calls)
             drive.ticks.append(drive.controller.tick())
             drive.controller._clock = lambda: drive.time

@@ -152,7 +152,7 @@ def test_a_shield_is_logged_and_read_back(panda, tmp_path):
         written.append(shield.log_tick())
         log.write(written[-1])
         np.testing.assert_allclose(written[-1]["stop"]["q"][-1], command.at(np.inf).q)
-        assert (written[-1]["follows"], written[-1]["state"]) == (command.follows, command.doing.value)
+        assert (written[-1]["follows"], written[-1]["state"]) == (command.follows, command.action.value)
     log.close()
     header, ticks = read_log(file)
     assert ticks == json.loads(strict_json(written))

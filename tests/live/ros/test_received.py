@@ -9,7 +9,7 @@ import pytest
 from safe_ompl import InputError, Pose, Robot, Scenario
 from safe_ompl.live import find_skeleton
 from safe_ompl.live.ros import lookup_of
-from safe_ompl.live.ros.messages import Frames, cloud_of, people_of_markers, pose_of, stamp_of
+from safe_ompl.live.ros.messages import FramePlaces, cloud_of, people_of_markers, pose_of, stamp_of
 from safe_ompl.live.ros.sightings import CloudView, Sightings
 from safe_ompl.live.simulation import ALL_KEYPOINTS
 
@@ -18,7 +18,7 @@ TURNED = Pose.from_rpy((1.0, 0.0, 2.0), (0.0, 0.0, np.pi / 2))
 
 @pytest.fixture(scope="module")
 def frames():
-    return Frames(Robot.from_example("panda"), {"camera": TURNED})
+    return FramePlaces(Robot.from_example("panda"), {"camera": TURNED})
 
 
 def message(**fields):
@@ -76,7 +76,7 @@ def test_other_frames_are_looked_up_with_tf2_at_the_stamp(monkeypatch):
     assert lookup_of("node") is None
     monkeypatch.setitem(sys.modules, "tf2_ros", tf2)
     monkeypatch.setitem(sys.modules, "rclpy.time", SimpleNamespace(Time=time))
-    frames = Frames(Robot.from_example("panda"), {}, lookup_of("node"))
+    frames = FramePlaces(Robot.from_example("panda"), {}, lookup_of("node"))
     assert frames.place(message(**header("/hand_camera"))).isApprox(TURNED.se3)
     for late in (header("hand_camera", sec=6), header("camera")):
         with pytest.raises(InputError, match="unknown frame"):

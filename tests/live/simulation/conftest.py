@@ -24,7 +24,7 @@ from safe_ompl import (
 )
 from safe_ompl.collision import Separation
 from safe_ompl.live import TrackedBody, find_skeleton
-from safe_ompl.live.replanning import Doing, PathLimits, ReplanningOptions
+from safe_ompl.live.replanning import Action, ReplanningOptions, SpeedLimits
 
 PANDA_ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]
 WAYS = [[-1.2, 0.0, 0, -2.0, 0, 2.2, 0.785], [0.0, -0.4, 0, -2.0, 0, 2.0, 0.785], [1.2, 0.0, 0, -2.0, 0, 2.2, 0.785]]
@@ -69,7 +69,7 @@ def shield_for(panda, table):
     """
 
     def make(tube=0.0, jerk=None, lag=0.0):
-        limits = PathLimits(RateLimits.of(panda, acceleration=PANDA_ACCELERATIONS, jerk=jerk))
+        limits = SpeedLimits(RateLimits.of(panda, acceleration=PANDA_ACCELERATIONS, jerk=jerk))
         checker = CollisionChecker(panda, table.without("ball"))
         proof = MotionProver(checker, separation=Separation(tube=(tube,) * 7 if tube else ()))
         around, options = Surroundings(table, objects={"ball": 1.6}), ReplanningOptions(limits=limits, lag=lag)
@@ -102,7 +102,7 @@ def drive():
             seen = see(k * replanner.tick)
             replanner.update(*seen, k * replanner.tick)
             commands.append(replanner.command(k * replanner.tick + 0.02))
-            if commands[-1].doing is Doing.DONE:
+            if commands[-1].action is Action.DONE:
                 break
             if think:
                 replanner.think()

@@ -8,10 +8,9 @@ import pytest
 from safe_ompl import CollisionChecker, InputError, MotionProver, RateLimits, Replanner, Scene, Surroundings, time_path
 from safe_ompl.collision import Separation
 from safe_ompl.geometry import Box, Obstacle, Pose
-from safe_ompl.live.replanning import Doing, PathLimits
-from safe_ompl.live.replanning.bodies import RobotBodies
+from safe_ompl.live.replanning import Action, SpeedLimits
+from safe_ompl.live.replanning.bounded_path import Around, BoundedPath, RobotBodies, line
 from safe_ompl.live.replanning.detours import Detours
-from safe_ompl.live.replanning.guarded_path import Around, GuardedPath, line
 
 BARRED = {}, {"ball": Pose((0.55, 0.0, 0.45))}
 
@@ -38,12 +37,12 @@ def test_where_the_way_is_barred_another_one_is_taken_under_the_same_limits(
     replanner = replanner_for("ball", ball=bound)
     way = to_and_fro(replanner, tool_speed=cap)[0]
     commands = drive(replanner, way, lambda t: BARRED, 20.0)
-    assert commands[-1].doing is Doing.DONE
+    assert commands[-1].action is Action.DONE
     assert paths(commands) > 1
     np.testing.assert_allclose(commands[-1].at(100.0).q, way.at(way.duration).q, atol=1e-6)
     if cap is None:
         waiting = drive(replanner_for("ball", ball=bound), way, lambda t: BARRED, 5.0, think=False)
-        assert waiting[-1].doing is Doing.STANDING
+        assert waiting[-1].action is Action.STANDING
         assert fastest_tip(panda, commands) > 1.2
     else:
         assert 0.5 < fastest_tip(panda, commands) <= 1.001 * cap
@@ -74,7 +73,7 @@ def test_other_ways_keep_the_limits_of_the_motion(panda, table, to_and_fro, driv
 
 def test_a_small_budget_finds_a_free_way_in_the_end_and_what_is_known_is_kept(replanner_for, to_and_fro, panda):
     replanner, turns, found = replanner_for("ball", ball=0.1), 0, None
-    roadmap = Detours(replanner.prover, RobotBodies(panda), PathLimits(RateLimits.of(panda, acceleration=10.0)), 0.05)
+    roadmap = Detours(replanner.prover, RobotBodies(panda), SpeedLimits(RateLimits.of(panda, acceleration=10.0)), 0.05)
     way = to_and_fro(replanner)[0]
     start, goal = way.at([0.0, way.duration]).q
     roadmap.cover(way.curve)
@@ -109,7 +108,7 @@ def test_where_a_goal_is_barred_another_one_is_served(replanner_for, to_and_fro,
     other = middle + 0.3 * np.eye(7)[1]
     on_goal = {}, {"ball": Pose(panda.tip_pose(goal).translation)}
     commands = drive(replanner, there, lambda t: on_goal, 4.0)
-    assert commands[-1].doing is not Doing.DONE
+    assert commands[-1].action is not Action.DONE
     short = time_path([there.at(0.0).q, middle], panda, there.limits, motion=replanner.prover)
     far = time_path([there.at(0.0).q, [-2.4, 0.0, 0, -2.0, 0, 2.2, 0.785]], panda, there.limits)
     replanner.update(*on_goal, 10.0)
@@ -118,7 +117,7 @@ def test_where_a_goal_is_barred_another_one_is_served(replanner_for, to_and_fro,
     assert replanner.soonest([there, far, short]) == 1  # the others are barred
     replanner = replanner_for("ball", ball=0.1)
     commands = drive(replanner, there, lambda t: on_goal, 20.0, others=[other])
-    assert commands[-1].doing is Doing.DONE
+    assert commands[-1].action is Action.DONE
     np.testing.assert_allclose(commands[-1].at(100.0).q, other, atol=1e-6)
 
 
@@ -127,19 +126,19 @@ def test_where_a_goal_is_barred_another_one_is_served(replanner_for, to_and_fro,
 
 def test_a_path_under_a_cap_of_link_speed_keeps_it_everywhere(panda, to_and_fro, replanner_for):
     way = to_and_fro(replanner_for("ball"))[0]
-    path = GuardedPath.along(RobotBodies(panda), way.curve, PathLimits(way.limits, link_speed=0.7))
+    path = BoundedPath.along(RobotBodies(panda), way.curve, SpeedLimits(way.limits, link_speed=0.7))
     for s, square in zip(0.5 * (path.edges[1:] + path.edges[:-1]), path.squares, strict=True):
         place = path.curve.places(np.array([s]))
         step = 1e-5 * np.sqrt(square)
         moved = panda.keypoints(place.q[0] + step * place.dq_ds[0]) - panda.keypoints(place.q[0])
         assert np.linalg.norm(moved, axis=1).max() <= 0.7 * 1e-5 * 1.001
-    assert path.squares.min() < GuardedPath.along(path.bodies, way.curve, PathLimits(way.limits)).squares.min()
+    assert path.squares.min() < BoundedPath.along(path.bodies, way.curve, SpeedLimits(way.limits)).squares.min()
 
 
 def test_joined_paths_have_an_acceleration_in_every_cell_however_lengths_are_rounded(panda):
-    limits, bodies = PathLimits(RateLimits.of(panda, acceleration=10.0)), RobotBodies(panda)
+    limits, bodies = SpeedLimits(RateLimits.of(panda, acceleration=10.0)), RobotBodies(panda)
     points = np.array([0, 0, 0, -2.0, 0, 2, 0.7]) + 0.1 * np.random.default_rng(0).uniform(size=(31, 7))
-    ways = [GuardedPath.along(bodies, line(a, b), limits) for a, b in pairwise(points)]
+    ways = [BoundedPath.along(bodies, line(a, b), limits) for a, b in pairwise(points)]
     whole = ways[-1]
     for way in ways[-2::-1]:
         whole = way.then(whole)

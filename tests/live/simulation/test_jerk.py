@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, example, given, settings, strategies as st
 from swinging import HOME, NOTHING, SWING, SWINGING, proposing, swing
 
 from safe_ompl import Pose, RateLimits, Replanner, Sphere, Surroundings, time_path
-from safe_ompl.live.replanning import Doing
-from safe_ompl.live.replanning.stop_motion import averaging_window
+from safe_ompl.live.replanning import Action
+from safe_ompl.live.replanning.bounded_path import averaging_window
 from safe_ompl.live.simulation import ContactMonitor, part_solids
 
 SIDE = np.eye(7)[0]
@@ -94,7 +94,7 @@ def test_a_smooth_proposal_is_driven_in_time(shield_for, jerk):
 
     shield = shield_for(jerk=jerk)
     commands = run(shield, propose, lambda t: FAR, 60)
-    assert {command.doing for command in commands} == {Doing.MOVING}
+    assert {command.action for command in commands} == {Action.MOVING}
     assert max(command.delay for command in commands) < 1e-9
     found = [command.at(command.time).q for command in commands]
     np.testing.assert_allclose(found, swing(np.arange(60) * 0.05), atol=2e-3)
@@ -109,7 +109,7 @@ def test_a_velocity_is_reached_held_and_left(shield_for):
     commands = run(shield, lambda s, t, _: t < 1.0 and s.propose_velocity(target), lambda t: FAR, 40)
     for command in commands[10:18]:
         np.testing.assert_allclose(command.at(command.time).qd, target, atol=1e-9)
-    assert commands[-1].doing is Doing.DONE
+    assert commands[-1].action is Action.DONE
     check_commands(commands, shield.limits.joints)
 
 
@@ -124,10 +124,10 @@ def test_a_replanner_keeps_the_jerk_of_its_trajectory_in_corners_and_detours_too
         now = 0.05 * k
         replanner.update({}, {"ball": Pose((0.75 + 2 * (now > 2), 0.2 * np.sin(3 * now), 0.5))}, now)
         commands.append(replanner.command(now + 0.02))
-        if commands[-1].doing is Doing.DONE:
+        if commands[-1].action is Action.DONE:
             break
         replanner.think()
     check_commands(commands, limits)
-    assert commands[-1].doing is Doing.DONE
-    assert any(command.doing in (Doing.SLOWED, Doing.STANDING, Doing.BRAKING) for command in commands)
+    assert commands[-1].action is Action.DONE
+    assert any(command.action in (Action.SLOWED, Action.STANDING, Action.BRAKING) for command in commands)
     assert averaging_window(limits) == pytest.approx({7500: 15 / 3500, 800: 20 / (800 * 0.7 * 2 / 3)}[jerk[0]], rel=0.2)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import Phase, given, settings, strategies as st
 
 from safe_ompl import RateLimits, Robot, Scene, Shield, Surroundings
-from safe_ompl.live.replanning import PathLimits, ReplanningOptions
-from safe_ompl.live.replanning.stop_motion import averaging_window
+from safe_ompl.live.replanning import ReplanningOptions, SpeedLimits
+from safe_ompl.live.replanning.bounded_path import averaging_window
 
 ACCELERATION = 5.0
 OTHERS = dict.fromkeys(("shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"), 0.0)
@@ -25,7 +25,9 @@ def shield_of(n, rate, jerk):
     robot = robot_of(n)
     jerks = None if jerk is None else [jerk] * n
     limits = RateLimits.of(robot, velocity=[2.0] * n, acceleration=[ACCELERATION] * n, jerk=jerks)
-    shield = Shield(robot, Surroundings(Scene(())), options=ReplanningOptions(tick=1 / rate, limits=PathLimits(limits)))
+    shield = Shield(
+        robot, Surroundings(Scene(())), options=ReplanningOptions(tick=1 / rate, limits=SpeedLimits(limits))
+    )
     shield.start(np.zeros(n))
     return shield
 

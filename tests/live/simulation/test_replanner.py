@@ -24,8 +24,8 @@ from safe_ompl import (
 )
 from safe_ompl.geometry import STANDING
 from safe_ompl.live import TrackedBody
-from safe_ompl.live.replanning import Doing, ReplanningOptions
-from safe_ompl.live.replanning.guard import contact_limits
+from safe_ompl.live.replanning import Action, ReplanningOptions
+from safe_ompl.live.replanning.commands import contact_limits
 from safe_ompl.live.simulation import ContactMonitor, limb_solids, part_solids
 from safe_ompl.motions import contact_speed
 
@@ -73,7 +73,7 @@ class Attack(NamedTuple):
                 replanner.think()
             command = new if old is None or k % 10 >= 4 else old
             state = command.at(max(time, command.time))
-            moving = bool(np.abs(state.qd).max() > 1e-9) and command.doing is not Doing.RETREATING
+            moving = bool(np.abs(state.qd).max() > 1e-9) and command.action is not Action.RETREATING
             if time < self.begin and not moving:
                 continue
             solids = part_solids("ball", Sphere(0.1), pin.SE3(np.eye(3), place))
@@ -89,7 +89,7 @@ class Attack(NamedTuple):
                 ways = robot.keypoints(state.q)[1:] - middle
                 way = ways[np.linalg.norm(ways, axis=1).argmin()] * ([1.0, 1.0, 0.0] if self.limbs else 1.0)
                 place = place + self.speed * 0.005 * way / max(np.linalg.norm(way), 1e-9)
-        assert len({command.doing for command in commands}) > 1
+        assert len({command.action for command in commands}) > 1
         return least, touches, commands
 
 
@@ -137,7 +137,7 @@ def test_alone_it_is_as_fast_as_its_limits_let_it_and_no_detour_is_searched(repl
     way = to_and_fro(replanner)[0]
     commands = drive(replanner, way, lambda t: FAR, 6.0)
     assert commands[-1].time < 1.35 * way.duration + 0.1
-    assert {command.doing for command in commands} == {Doing.MOVING, Doing.DONE}
+    assert {command.action for command in commands} == {Action.MOVING, Action.DONE}
     assert len({id(command.path) for command in commands}) == 1
 
 
@@ -148,18 +148,18 @@ def test_after_a_stop_it_goes_on_by_itself_and_says_why(replanner_for, to_and_fr
     replanner = replanner_for("ball")
     with caplog.at_level(logging.INFO, "safe_ompl"):
         commands = drive(replanner, to_and_fro(replanner)[0], see, 6.0, think=False)
-    doing = [command.doing for command in commands]
-    assert doing[-1] is Doing.DONE
-    assert "'ball'" in commands[doing.index(Doing.STANDING)].reason
+    actions = [command.action for command in commands]
+    assert actions[-1] is Action.DONE
+    assert "'ball'" in commands[actions.index(Action.STANDING)].reason
     assert "farther than promised" in caplog.text
     assert "standing: " in caplog.text
 
 
 def test_clearance_is_left(replanner_for, to_and_fro, drive):
     still = {}, {"ball": Pose((0.85, 0.0, 0.5))}
-    for clearance, end in ((0.0, Doing.DONE), (0.3, Doing.STANDING)):
+    for clearance, end in ((0.0, Action.DONE), (0.3, Action.STANDING)):
         replanner = replanner_for("ball", ball=0.0, people=People(clearance=clearance))
-        assert drive(replanner, to_and_fro(replanner)[0], lambda t: still, 3.0, think=False)[-1].doing is end
+        assert drive(replanner, to_and_fro(replanner)[0], lambda t: still, 3.0, think=False)[-1].action is end
 
 
 # ------------------------------------------------------------------------------------------------------- contact
@@ -195,7 +195,7 @@ def test_a_cloud_that_moves_is_where_its_points_are_and_its_new_ones_are_no_fast
     people = People(speed=1.6, contact=contact)
     pilot = Replanner(panda, Surroundings(scene, {"anna": tracker}, {"blob": 1.0}, people))
     pilot.start(time_path(WAYS, panda, RateLimits.of(panda, acceleration=10.0), motion=pilot.prover))
-    anna, doings = person_at((3.0, 0, -0.9), tracker), []
+    anna, commands = person_at((3.0, 0, -0.9), tracker), []
     for k in range(40):
         t = 0.05 * k
         seen = rng.choice(blob, 500 + 10 * k, replace=False) + np.array([1.0 - 0.2 * t, 0, 0.4])
@@ -206,10 +206,10 @@ def test_a_cloud_that_moves_is_where_its_points_are_and_its_new_ones_are_no_fast
         assert mine[0] == len(sets.names) - len(mine)
         away = np.linalg.norm(seen[:, None] - sets.points[sets.first[mine]], axis=2).min(axis=1)
         assert away.max() + 0.01 <= sets.radii[mine[0]] + 1e-12
-        doings.append(pilot.command(t + 0.02))
+        commands.append(pilot.command(t + 0.02))
         pilot.think()
-    assert {"moving", "standing"} <= {command.doing for command in doings}
-    assert "'blob' may come to" in doings[-1].reason
+    assert {"moving", "standing"} <= {command.action for command in commands}
+    assert "'blob' may come to" in commands[-1].reason
     (jump,) = pilot.update({"anna": anna}, {"blob": blob + np.array([1.6, 0, 0.4])}, 2.01)
     assert 0.7 < jump.excess < 1.0
     with pytest.raises(InputError, match=r"objects\.blob: points: must have shape"):

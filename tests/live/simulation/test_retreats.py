@@ -6,9 +6,8 @@ from scipy.optimize import nnls
 
 from safe_ompl import Pose, RateLimits
 from safe_ompl.live import ReachSets
-from safe_ompl.live.replanning import Doing, PathLimits
-from safe_ompl.live.replanning.bodies import RobotBodies
-from safe_ompl.live.replanning.guarded_path import RETREAT_SPEED, GuardedPath, line
+from safe_ompl.live.replanning import Action, SpeedLimits
+from safe_ompl.live.replanning.bounded_path import RETREAT_SPEED, BoundedPath, RobotBodies, line
 from safe_ompl.live.replanning.replanner import Receding, Retreats
 
 FAR = Pose((3.0, 0.0, 0.0))
@@ -29,7 +28,7 @@ def bodies(panda):
 
 @pytest.fixture(scope="module")
 def limits(panda):
-    return PathLimits(RateLimits.of(panda, acceleration=10.0))
+    return SpeedLimits(RateLimits.of(panda, acceleration=10.0))
 
 
 def core_distances(bodies, q, places):
@@ -51,7 +50,7 @@ def test_who_is_receded_from_is_nowhere_nearer_than_at_the_start(panda, bodies, 
     tip = panda.tip_pose(q).translation
     places = tip + rng.normal(size=(6, 3)) * 0.2
     way = rng.normal(size=panda.n)
-    path = GuardedPath.along(bodies, line(q, q + 0.3 * way / np.linalg.norm(way)), limits)
+    path = BoundedPath.along(bodies, line(q, q + 0.3 * way / np.linalg.norm(way)), limits)
     motion = path.motion_from(0.0, 0.0, 1.0, 0.1)
     away = Receding(path, motion.places[0], balls(places)).along(motion)
     assert not away.all()
@@ -66,11 +65,11 @@ def test_who_is_receded_from_is_nowhere_nearer_than_at_the_start(panda, bodies, 
 def test_what_is_touched_already_or_passed_a_corner_does_not_recede(panda, bodies, limits):
     q = np.array([0.0, -0.4, 0, -2.0, 0, 2.0, 0.785])
     out, back = line(q, q - 0.05), line(q - 0.05, q)
-    path = GuardedPath.along(bodies, out, limits)
+    path = BoundedPath.along(bodies, out, limits)
     inside = panda.tip_pose(q).translation - 0.02 * np.eye(3)[2]
     motion = path.motion_from(0.0, 0.0, 1.0, 0.1)
     assert not Receding(path, motion.places[0], balls([inside])).along(motion)[bodies.links.index("panda_hand")].any()
-    both = path.then(GuardedPath.along(bodies, back, limits))
+    both = path.then(BoundedPath.along(bodies, back, limits))
     corner = both.motion_from(path.length - 0.01, 0.0, 1.0, 0.3)
     assert corner.places[0] < path.length < corner.places[-1]
     assert not Receding(both, corner.places[0], balls([inside + 0.3 * np.eye(3)[0]])).along(corner).any()
@@ -82,7 +81,7 @@ def test_a_retreat_leads_away_from_all_who_are_near_and_back_and_none_if_nobody_
     retreats = Retreats(replanner_for("ball").prover, bodies, limits)
     q = np.array([0.0, -0.4, 0, -2.0, 0, 2.0, 0.785])
     goal = q + 0.6 * np.eye(7)[0]
-    way = GuardedPath.along(bodies, line(q, goal), limits)
+    way = BoundedPath.along(bodies, line(q, goal), limits)
     places = panda.tip_pose(q).translation + np.array([[0.12, 0.05, 0.0], [0.12, -0.05, 0.05]])
     path = retreats.search(way, 0.0, balls(places))
     start, away, back, end = path.curve.places(path.curve.times).q
@@ -112,11 +111,11 @@ def test_it_retreats_from_who_came_too_near_waits_and_goes_on(replanner_for, to_
         replanner, placed = replanner_for("ball", detours=False, retreats=retreats), []
         way = to_and_fro(replanner)[0]
         commands = drive(replanner, way, beside_the_tip(replanner, placed, 4.0), 8.0)
-        doing = [command.doing for command in commands]
-        assert (Doing.RETREATING in doing) is retreats
-        assert doing[-1] is Doing.DONE  # after the ball has gone
+        actions = [command.action for command in commands]
+        assert (Action.RETREATING in actions) is retreats
+        assert actions[-1] is Action.DONE  # after the ball has gone
         assert commands[-1].time > 4.0
-    retreating = [command for command in commands if command.doing is Doing.RETREATING]
+    retreating = [command for command in commands if command.action is Action.RETREATING]
     assert {command.rule for command in retreating} == {"separation"}
     for command in retreating:  # who could be touched before the next command recedes slowly
         for g in np.flatnonzero(core_distances(bodies, command.at(command.time).q, placed)[:, 0] < 0.1 + 0.07 * 1.6):
@@ -137,7 +136,7 @@ def test_the_first_link_recedes_however_it_turns_from_who_is_beside_all_that_it_
     heights = vertices @ axes.T
     np.testing.assert_allclose(heights[0].min(axis=0) - heights.min(axis=(0, 1)), lost, atol=1e-5)
     assert (heights[0].min(axis=0) - heights.min(axis=(0, 1)) <= lost + 1e-12).all()
-    path = GuardedPath.along(bodies, line(q, q + 0.5 * np.eye(7)[0]), limits)
+    path = BoundedPath.along(bodies, line(q, q + 0.5 * np.eye(7)[0]), limits)
     motion = path.motion_from(0.0, 0.0, 1.0, 0.3)
     for far, recedes in ((0.02, False), (0.4, True)):
         place = [far, 0.0, vertices[0, :, 2].mean()]
@@ -148,6 +147,6 @@ def test_whoever_is_lost_stops_a_retreat(replanner_for, to_and_fro, drive):
     replanner = replanner_for("ball", detours=False)
     seen = beside_the_tip(replanner, [], 9.0)
     commands = drive(replanner, to_and_fro(replanner)[0], lambda t: seen(t) if t < 3.0 else ({}, {}), 4.0)
-    assert Doing.RETREATING in {command.doing for command in commands}
-    assert commands[-1].doing is Doing.STANDING
+    assert Action.RETREATING in {command.action for command in commands}
+    assert commands[-1].action is Action.STANDING
     assert "was not seen" in commands[-1].reason

@@ -10,7 +10,7 @@ from swinging import BENDS, HOME, JUMPS, NOTHING, SWING, TWIST, VELOCITY, propos
 
 from safe_ompl import CollisionChecker, InputError, Motion, MotionProver, Pose, RateLimits, Shield, Sphere, Surroundings
 from safe_ompl.collision import Separation
-from safe_ompl.live.replanning import Doing, PathLimits, ReplanningOptions
+from safe_ompl.live.replanning import Action, ReplanningOptions, SpeedLimits
 from safe_ompl.live.simulation import ContactMonitor, part_solids
 
 FAR = (3.0, 0.0, 0.0)
@@ -68,7 +68,7 @@ def test_a_proposal_that_nobody_bars_is_driven_as_it_is(shield_for):
     commands, states = drive(shield_for(), chunks(), lambda t: FAR, 4.0)
     times = np.arange(len(states)) * 0.01
     np.testing.assert_allclose(states[:, 0], swing(times), atol=1e-5)
-    assert {command.doing for command in commands} == {Doing.MOVING}
+    assert {command.action for command in commands} == {Action.MOVING}
     assert all(command.follows and command.delay < 1e-9 and not command.reason for command in commands)
     np.testing.assert_allclose(states[:, 1], np.gradient(states[:, 0], 0.01, axis=0), atol=0.02)
 
@@ -88,7 +88,7 @@ def test_a_motion_is_driven_in_its_own_timing_to_its_end(shield_for, motion, sta
     begin = 0.0 if start is None else 0.5
     known = SPLINE if start is None else swing
     np.testing.assert_allclose(states[:195, 0], known(np.maximum(np.arange(195) * 0.01 - begin, 0.0)), atol=within)
-    assert commands[-1].doing is Doing.DONE
+    assert commands[-1].action is Action.DONE
     assert max(command.delay for command in commands[:39]) < 1e-6 or start is None
     np.testing.assert_allclose(states[-1, 0], known(2.0 if start is None else motion.times[-1]), atol=1e-9)
 
@@ -99,10 +99,10 @@ def test_beside_somebody_it_is_slower_on_the_same_path(shield_for):
 
     motion = Motion.hermite(np.arange(81) / 20, swing(np.arange(81) / 20))
     commands, states = drive(shield_for(), once(motion), ball, 6.0)
-    assert any(command.doing is Doing.SLOWED and "ball" in command.reason for command in commands)
+    assert any(command.action is Action.SLOWED and "ball" in command.reason for command in commands)
     assert max(command.delay for command in commands) > 0.1
     assert from_path(states, 4.0) < 2e-3
-    assert commands[-1].doing is Doing.DONE  # it has gone on when the ball was away
+    assert commands[-1].action is Action.DONE  # it has gone on when the ball was away
 
 
 def wild(seed):
@@ -135,7 +135,7 @@ def test_no_stop_is_reached_by_who_keeps_to_the_bound(shield_for, panda, table, 
                 assert not checker.in_collision(q)
             moved += moving
     assert moved > 100
-    assert {Doing.MOVING, Doing.SLOWED} <= {command.doing for command in commands}
+    assert {Action.MOVING, Action.SLOWED} <= {command.action for command in commands}
 
 
 BAD = {  # what becomes of a chunk (16, 7), and how it is refused
@@ -162,7 +162,7 @@ def test_a_chunk_that_cannot_be_used_ends_in_the_proven_stop(shield_for, why):
         assert not command.follows
         assert re.search(why, command.reason)
         np.testing.assert_array_equal(command.at(now + 0.03).q, good.at(now + 0.03).q)
-    assert command.doing is Doing.STANDING
+    assert command.action is Action.STANDING
     shield.update({}, {"ball": Pose(FAR)}, 1.7)
     shield.propose(command.at(2.0).q + np.linspace(0, 0.1, 8)[:, None] * SWING, RATE)
     assert shield.command(1.7).follows
@@ -174,7 +174,7 @@ def test_a_chunk_that_cannot_be_used_ends_in_the_proven_stop(shield_for, why):
 def test_it_stops_on_the_path_before_what_stands_still(shield_for, way, reason):
     motion = Motion.through([HOME, HOME + 3 * way], [0.0, 2.5])
     commands, states = drive(shield_for(), once(motion), lambda t: FAR, 2.5)
-    assert commands[-1].doing is Doing.STANDING
+    assert commands[-1].action is Action.STANDING
     assert re.search(reason, commands[-1].reason)
     assert np.abs(states[-1, 0] - HOME).max() > 0.3
 
@@ -182,7 +182,7 @@ def test_it_stops_on_the_path_before_what_stands_still(shield_for, way, reason):
 def test_accelerations_beyond_the_limits_cost_time_only(shield_for):
     motion = Motion.hermite(np.arange(61) / 40, swing(3 * np.arange(61) / 40))
     commands, states = drive(shield_for(), once(motion), lambda t: FAR, 4)
-    assert commands[-1].doing is Doing.DONE
+    assert commands[-1].action is Action.DONE
     assert any("limits" in command.reason for command in commands)
     assert from_path(states, 4.5) < 2e-3
 
@@ -196,8 +196,8 @@ def test_a_velocity_is_approached_held_and_left(shield_for):
 
     commands, states = drive(shield_for(), propose, lambda t: FAR, 2.0)
     np.testing.assert_allclose(states[20:95, 1], np.tile(target, (75, 1)), atol=1e-9)
-    assert {command.doing for command in commands[4:18]} == {Doing.MOVING}
-    assert commands[-1].doing is Doing.DONE
+    assert {command.action for command in commands[4:18]} == {Action.MOVING}
+    assert commands[-1].action is Action.DONE
     np.testing.assert_array_equal(states[-1, 1], 0)
 
 
@@ -210,7 +210,7 @@ def test_a_velocity_that_could_not_be_driven_is_not_driven_later(shield_for):
             shield.propose_velocity(0.5 * SWING)
         command = shield.command(0.05 * k)
         reasons.append(command.reason)
-        assert command.doing is Doing.STANDING
+        assert command.action is Action.STANDING
     assert "before it stands" in reasons[0]
     assert set(reasons[1:]) == {"no new velocity was proposed"}
 
@@ -233,10 +233,10 @@ def test_what_cannot_be_is_refused(shield_for, panda, table):
     with pytest.raises(InputError, match="joint 'panda_joint4' = 0 is outside its limits"):
         shield.start(np.zeros(7))
     commands, _ = drive(shield_for(), chunks(), lambda t: FAR, 0.5)
-    assert commands[-1].doing is Doing.MOVING
+    assert commands[-1].action is Action.MOVING
     with pytest.raises(InputError, match="start where the robot stands first"):
         Shield(panda, Surroundings(table)).command(0.0)
     wide = MotionProver(CollisionChecker(panda, table), separation=Separation(tube=(0.01,) * 7))
-    fast = PathLimits(RateLimits.of(panda), tool_speed=1.0)
+    fast = SpeedLimits(RateLimits.of(panda), tool_speed=1.0)
     with pytest.raises(InputError, match="tube: bounds positions"):
         Shield(panda, Surroundings(table), options=ReplanningOptions(limits=fast), prover=wide)

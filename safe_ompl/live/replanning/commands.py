@@ -1,9 +1,9 @@
 """One tick of a robot beside people: what is driven is proven until the next tick, and so is its stop.
 
-`Guard` is what a `Replanner` and a `Shield` share. At every tick
+`CommandProver` is what a `Replanner` and a `Shield` share. At every tick
 
 1. `update` takes what was seen. From that follow the sets that people and objects do not leave (`Surroundings`).
-2. `command` tries motions along a `GuardedPath`, from full acceleration to full braking: each is for a tick and ends in
+2. `command` tries motions along a `BoundedPath`, from full acceleration to full braking: each is for a tick and ends in
    a stop. The fastest one is taken whose margin to the sets is not negative all along (`_next`). If there is none, the
    robot follows what is left of the stop of the tick before (`_kept`): its proof still holds.
 3. A replanner uses the time that is left to `think`: it searches detours, and retreats from who is near.
@@ -26,9 +26,7 @@ from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.common import FloatArray, InputError, Section, key, number
 from safe_ompl.io import ticks_header
 from safe_ompl.live import ReachViolation, Surroundings
-from safe_ompl.live.replanning.bodies import RobotBodies
-from safe_ompl.live.replanning.guarded_path import Around, GuardedPath, MotionMargin, PathLimits
-from safe_ompl.live.replanning.stop_motion import StopMotion
+from safe_ompl.live.replanning.bounded_path import Around, BoundedPath, MotionMargin, RobotBodies, SpeedLimits, StopLaw
 from safe_ompl.motions import SEPARATION, ContactLimits, State
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -41,7 +39,7 @@ _PUSHES: tuple[float, ...] = tuple((np.arange(-15, 16) / 16).tolist())
 _SAME = 1e-6  # [rad] places nearer than this are one
 
 
-class Doing(str, Enum):
+class Action(str, Enum):
     """What the robot does, in one word."""
 
     MOVING = "moving"
@@ -61,9 +59,9 @@ class Command:
 
     time: float  # From when on it holds [s]
     measured: float  # When that was measured against which it is proven [s]
-    path: GuardedPath  # That it follows
-    motion: StopMotion
-    doing: Doing
+    path: BoundedPath  # That it follows
+    motion: StopLaw
+    action: Action
     # The smallest margin along the motion; where that is the rest of an earlier stop, or the robot stands, of the
     # motion that could not be proven.
     left: MotionMargin
@@ -95,7 +93,7 @@ class Command:
             "q": states[0].q.tolist(),
             "qd": states[0].qd.tolist(),
             "stop": stop_as_dict(times, states),
-            "state": self.doing.value,
+            "state": self.action.value,
             "margin": self.left.margin,
             "reason": self.reason,
             "rule": self.rule or None,
@@ -124,7 +122,7 @@ class ReplanningOptions(Section):
     lag: float = key(number, default=0.0, at_least=0.0)
     # Of joints, tool and links, for a `Shield`; default: those of the robot's joints. A `Replanner` keeps the limits
     # of its trajectories.
-    limits: PathLimits | None = None
+    limits: SpeedLimits | None = None
     # Whether `Replanner.think` searches detours, and motions away from people who are near a robot that stands. A robot
     # that retreats may be touched by who runs after it, as one that stands.
     detours: bool = True
@@ -132,7 +130,7 @@ class ReplanningOptions(Section):
     joints: tuple[str, ...] | None = None  # that these may move, such as all but those of a gripper; default: all
 
 
-class Guard:
+class CommandProver:
     """A robot, who is around it, and the commands that are proven against them.
 
     Parameters
@@ -183,7 +181,7 @@ class Guard:
         self._last: Command | None = None  # the newest command
         self._time = 0.0  # for which it was asked for
         self._margin = MotionMargin(np.inf)  # of the motion that was tried last
-        self._past: StopMotion | None = None  # where the jerk is limited: of a motion that moves and is to go on
+        self._past: StopLaw | None = None  # where the jerk is limited: of a motion that moves and is to go on
         self._violated = False
 
     def __repr__(self) -> str:
@@ -219,11 +217,11 @@ class Guard:
 
     # ----------------------------------------------------------------------------------------------------- proofs
 
-    def _next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+    def _next(self, path: BoundedPath, s: float, speed: float, time: float) -> Command | None:
         """Return the fastest motion from (s, ṡ) that is proven with its stop; None if none is."""
         if speed == 0 and s >= path.length - _SAME:
             rest = path.motion_from(path.length, 0.0, -1.0, self.tick)
-            return Command(time, self.surroundings.time, path, rest, Doing.DONE, MotionMargin(np.inf))
+            return Command(time, self.surroundings.time, path, rest, Action.DONE, MotionMargin(np.inf))
         if not self.surroundings.known:
             return None
         trouble = self.surroundings.trouble(time, self.options.lost_after)
@@ -232,7 +230,7 @@ class Guard:
         fastest = self._proven(path, s, speed, 1.0, time)
         return self._slower(path, s, speed, time) if fastest is None else fastest
 
-    def _slower(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+    def _slower(self, path: BoundedPath, s: float, speed: float, time: float) -> Command | None:
         """Return the fastest one of those with less than full acceleration; None if none is proven."""
         pushes = [push for push in (-1.0, *_PUSHES) if speed > 0 or push > 0]
         found, blamed, first, last = None, self._margin, 0, len(pushes)
@@ -244,7 +242,7 @@ class Guard:
         return found
 
     def _proven(
-        self, path: GuardedPath, s: float, speed: float, push: float, time: float, why: MotionMargin | str = ""
+        self, path: BoundedPath, s: float, speed: float, push: float, time: float, why: MotionMargin | str = ""
     ) -> Command | None:
         """Return the motion from (s, ṡ) with s̈ = push · brakes and its stop if both are proven; else note the margin.
 
@@ -256,27 +254,27 @@ class Guard:
         if margin.margin < 0:
             self._margin = margin
             return None
-        doing = Doing.BRAKING if push == -1.0 else Doing.SLOWED if why else Doing.MOVING
+        action = Action.BRAKING if push == -1.0 else Action.SLOWED if why else Action.MOVING
         reason, rule = (why.description, why.rule) if isinstance(why, MotionMargin) else (why, "")
         if rule not in ("", SEPARATION) and path.margin(motion, around._replace(contact=None)).margin >= 0:
             rule = SEPARATION
-        return Command(time, self.surroundings.time, path, motion, doing, margin, reason, rule)
+        return Command(time, self.surroundings.time, path, motion, action, margin, reason, rule)
 
     def _around(self, time: float) -> Around:
         """Return who is around when the robot begins a motion of a time [s], which is later than that by the lag."""
         known = self.surroundings
         return Around(known.sets, time - known.time + self.options.lag, self.clearance, self.contact)
 
-    def _kept(self, path: GuardedPath, s: float, speed: float, time: float) -> Command:
+    def _kept(self, path: BoundedPath, s: float, speed: float, time: float) -> Command:
         """Return what is left of the stop that was proven before, or rest."""
         last = self._last
         trouble = self.surroundings.trouble(time, self.options.lost_after)
         why = self._margin, trouble or self._margin.description, "" if trouble else self._margin.rule
         if last is None or speed == 0:
             rest = path.motion_from(s, 0.0, -1.0, self.tick)
-            return Command(time, self.surroundings.time, path, rest, Doing.STANDING, *why)
-        doing = last.doing if last.doing is Doing.RETREATING else Doing.BRAKING
-        return Command(last.time, last.measured, path, last.motion, doing, *why)
+            return Command(time, self.surroundings.time, path, rest, Action.STANDING, *why)
+        action = last.action if last.action is Action.RETREATING else Action.BRAKING
+        return Command(last.time, last.measured, path, last.motion, action, *why)
 
     # ------------------------------------------------------------------------------------------------------- log
 
@@ -294,14 +292,14 @@ class Guard:
 
     def _given(self, command: _Given, time: float) -> _Given:
         """Keep a command as the last one, and return it; what the robot does now goes to the log if it is new."""
-        before = None if self._last is None else self._last.doing
+        before = None if self._last is None else self._last.action
         self._last, self._time = command, time
-        if command.doing is before:
+        if command.action is before:
             return command
         why = f": {command.reason}" if command.reason else ""
-        drives = (Doing.MOVING, Doing.SLOWED)
-        level = logging.DEBUG if command.doing in drives and before in drives else logging.INFO
-        _log.log(level, "%.3f s: %s%s", time, command.doing.value, why)
+        drives = (Action.MOVING, Action.SLOWED)
+        level = logging.DEBUG if command.action in drives and before in drives else logging.INFO
+        _log.log(level, "%.3f s: %s%s", time, command.action.value, why)
         return command
 
 

@@ -1,8 +1,18 @@
-"""A path as the replanner follows it: cells with bounds of speed and braking, and motions with their stops along it."""
+"""A path in cells, with bounds of speed and braking in each; and time laws of one tick and a stop along the path.
+
+Without a limit of the jerk s̈ is constant in each piece of a time law. With a limit of the jerk these are pieces of a
+plan σ(t), and the robot is at
+
+    s(t) = 1/w ∫ σ(τ) dτ,  τ from t − w to t,
+
+so that s̈ is continuous and s⃛ bounded (`safe_ompl.motions.time_law`). A law then begins with what the plan did in the
+window before it, and the next law goes on with that: nothing jumps between two ticks. The plan leaves no place more
+than w before the robot does.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -11,9 +21,7 @@ import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
 from safe_ompl.live import ReachSets
-from safe_ompl.live.kernels import Borne, CellFrames, cell_gaps, gaps
-from safe_ompl.live.replanning.bodies import RobotBodies
-from safe_ompl.live.replanning.stop_motion import BENDS, StopMotion, averaging_window
+from safe_ompl.live.kernels import Borne, CellFrames, Hulls, cell_gaps, gaps
 from safe_ompl.motions import (
     BRAKING,
     CLAMPING,
@@ -22,6 +30,7 @@ from safe_ompl.motions import (
     LINK_SPEED,
     SEPARATION,
     TOOL_SPEED,
+    BodySpeeds,
     Cells,
     ContactLimits,
     Motion,
@@ -36,21 +45,36 @@ from safe_ompl.motions import (
     speed_caps,
     velocity_cap,
 )
+from safe_ompl.robot import Robot
 
-STEP = 0.02  # [rad] largest cell
-RETREAT_SPEED = 0.25  # [m/s] the reduced speed of ISO 10218
-_SLOWEST = 0.01  # [m/s] people are taken to be no slower, in estimates
-_BARRED = 0.02  # share of the full speed: cells that people make slower than this are barred
-_AHEAD = 1.0  # [s] that estimates look ahead at most
-_COARSE = 0.1  # [rad] cells of estimates
-_ENDS = 2  # cells at the ends of a path that are estimated again in small ones if they are barred
-_ROUGH = 5e-3  # [m] error of distances in estimates
-_CLOSE = 1e-4  # [m] error of margins that are called exact
-_SAME = 1e-9  # [rad] places nearer than this are one
-_NEARLY = 1e-9  # relative: what rounding makes of a speed
+# The largest cells of paths that are driven, and of estimates.
+STEP = 0.02  # [rad]
+_COARSE = 0.1  # [rad]
+# The reduced speed of ISO 10218.
+RETREAT_SPEED = 0.25  # [m/s]
+# Estimates take people to be no slower than this.
+_SLOWEST = 0.01  # [m/s]
+# Cells in which people make the robot slower than this share of the full speed are barred.
+_BARRED = 0.02
+# Estimates look ahead no farther than this.
+_AHEAD = 1.0  # [s]
+# So many cells at the ends of a path are estimated again in small cells if they are barred.
+_ENDS = 2
+# Errors of distances in estimates, and of margins that are called exact.
+_ROUGH = 5e-3  # [m]
+_CLOSE = 1e-4  # [m]
+# Places that are nearer than this are one.
+_SAME = 1e-9  # [rad]
+# Rounding changes a speed by no more than this share.
+_NEARLY = 1e-9
 # Caps of trajectories that the replanner derives itself at every tick.
 _DERIVED = ("joint velocity", "bends beside people", *CONTACT_RULES)
 _NO_CONTACT: FloatArray = np.zeros((0, 0, 0))
+_NOWHERE: FloatArray = np.zeros((0, 0))
+# Share of the jerk that q‴ṡ³ may take.
+BENDS = 0.3
+# Rounding does not touch averages over windows that are at least so long.
+_SHORTEST = 1e-4  # [s]
 
 
 def line(start: FloatArray, end: FloatArray) -> Motion:
@@ -91,7 +115,7 @@ class Around(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PathLimits:
+class SpeedLimits:
     """Limits that every path of the replanner keeps, whatever its curve is."""
 
     joints: RateLimits  # Velocities and accelerations of the joints, and jerks where they are limited
@@ -102,7 +126,7 @@ class PathLimits:
         MotionCaps(tool_speed=self.tool_speed, link_speed=self.link_speed)  # refuses what is absurd
 
     @classmethod
-    def of(cls, trajectory: Trajectory) -> PathLimits:
+    def of(cls, trajectory: Trajectory) -> SpeedLimits:
         """Return those of a trajectory; raise InputError if it has a cap that holds on its own curve only."""
         speeds = {cap.name: cap.limit for cap in trajectory.caps}
         for cap in trajectory.caps:
@@ -112,22 +136,160 @@ class PathLimits:
                 )
         return cls(trajectory.limits, speeds.get(TOOL_SPEED), speeds.get(LINK_SPEED))
 
-    def same_as(self, other: PathLimits) -> bool:
+    def same_as(self, other: SpeedLimits) -> bool:
         """Return whether the other limits are equal to these."""
         mine, theirs = ((of.joints.as_dict(), of.tool_speed, of.link_speed) for of in (self, other))
         return mine == theirs
 
 
+class RobotBodies:
+    """The moving bodies of a robot, of `links`, as hulls in the frames of their joints, with balls about them.
+
+    Each is wider by how far it may be from there if joints are elsewhere in a tube of widths (n,), if there is one.
+    """
+
+    def __init__(self, robot: Robot, tube: Sequence[float] = ()) -> None:
+        self.robot = robot
+        joints, links = robot.bounds.body_corners[0], robot.shared.body_links
+        self.moving = np.flatnonzero(joints).tolist()
+        hulls = [robot.bounds.body_hulls[k] for k in self.moving]
+        self.links = tuple(links[k] for k in self.moving)
+        carriers = joints[self.moving] - 1
+        first: IntArray = np.cumsum([0] + [len(hull.points) for hull in hulls]).astype(np.intp)
+        middles = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
+        extents = [np.linalg.norm(h.points - c, axis=1).max() for h, c in zip(hulls, middles, strict=True)]
+        wider = robot.bounds.displacement_radii[self.moving] @ (np.array(tube) if tube else np.zeros(robot.n))
+        self.arrays = Hulls(
+            carriers,
+            np.ascontiguousarray(np.concatenate([np.zeros((0, 3)), *(hull.points for hull in hulls)])),
+            first,
+            np.array([hull.radius for hull in hulls]) + wider,
+            middles,
+            np.array(extents),
+        )
+        self._first_axis = robot.joint_frames(np.zeros((1, robot.n)))[2][0, 0]
+        self.speeds = BodySpeeds(robot)  # of all bodies and the tip
+
+    def frames(self, Q: FloatArray, travel: FloatArray = _NOWHERE) -> CellFrames:
+        """Return the frames of the joints at `Q: (B, n)`, and how far (B, G) the bodies get from there [m]."""
+        return CellFrames(*self.robot.joint_frames(Q)[:2], travel)
+
+    def vertices(self, body: int, frames: CellFrames) -> FloatArray:
+        """Return the vertices (B, V, 3) of a body in the world [m], in these frames of the joints."""
+        joint, (first, last) = self.arrays.carriers[body], self.arrays.first_vertex[body : body + 2]
+        turned = np.einsum("bxy,vy->bvx", frames.rotations[:, joint], self.arrays.vertices[first:last])
+        return np.asarray(turned + frames.origins[:, joint, None])
+
+    @cached_property
+    def turning(self) -> BoolArray:
+        """Which moving bodies (G,) only turn, about the axis of the first joint."""
+        return np.asarray((self.arrays.carriers == 0) & ~self.robot.shared.chain.prismatic[0])
+
+    def swept(self, body: int, frames: CellFrames, axes: FloatArray) -> FloatArray:
+        """Return how much farther (K,) against `axes: (K, 3)` a turning body comes if it turns by any angle [m]."""
+        vertices, turn = self.vertices(body, frames)[0], self._first_axis
+        arms = vertices - frames.origins[0, 0]
+        along, heights = arms @ turn, axes @ turn
+        radii = np.sqrt(np.maximum((arms * arms).sum(axis=1) - along * along, 0.0))
+        across = np.sqrt(np.maximum(1.0 - heights * heights, 0.0))
+        nearest = (np.outer(along, heights) - np.outer(radii, across)).min(axis=0)
+        return np.asarray((arms @ axes.T).min(axis=0) - nearest)
+
+
+def averaging_window(limits: RateLimits) -> float:
+    """Return the window w [s] with which a joint stops soonest, about; 0 where the jerk is not limited.
+
+    Of the jerk J a plan may brake with K J w, K the shares. A stop from v takes v/(K J w) + w, and braking with more
+    than the acceleration a is of no use.
+    """
+    if limits.jerk is None:
+        return 0.0
+    of_plan = BRAKING * (1 - BENDS) * limits.jerk
+    windows = np.minimum(np.sqrt(limits.velocity / of_plan), limits.acceleration / of_plan)
+    return max(float(windows.max()), _SHORTEST)
+
+
+class StopLaw(NamedTuple):
+    """A motion of one tick along a path, and the stop after it: W pieces of constant acceleration.
+
+    With a `window` [s] they are those of the plan, from so long before the motion on: times are negative there.
+    """
+
+    cells: IntArray  # (W,), the cell of the path in which each piece lies
+    places: FloatArray  # (W + 1,), s, ṡ², and the time since the motion began [s], where pieces meet
+    squares: FloatArray
+    times: FloatArray
+    window: float = 0.0
+
+    @property
+    def duration(self) -> float:
+        """How long it takes until the robot stands [s]."""
+        return float(self.times[-1]) + self.window
+
+    def at(self, time: float) -> tuple[float, float, float]:
+        """Return s, ṡ and s̈ at a time since it began [s]; at rest after its end."""
+        if time >= self.duration:
+            return float(self.places[-1]), 0.0, 0.0
+        now = max(time, 0.0)
+        if self.window:
+            ends = self._plan(np.array([now - self.window, now]))
+            place, speed, push = (float(values[1] - values[0]) / self.window for values in ends)
+            return min(max(place, 0.0), float(self.places[-1])), max(speed, 0.0), push
+        k = max(int(np.searchsorted(self.times, time, side="right")) - 1, 0)
+        span, since = self.times[k + 1] - self.times[k], now - self.times[k]
+        speed, after = np.sqrt(self.squares[k]), np.sqrt(self.squares[k + 1])
+        push = (after - speed) / span if span > 0 else 0.0
+        place = self.places[k] + since * (speed + 0.5 * since * push)
+        return float(min(place, self.places[k + 1])), float(max(speed + since * push, 0.0)), float(push)
+
+    def _plan(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return ∫σ from the first time on, σ and σ̇ (T,) at times."""
+        speeds, spans = np.sqrt(self.squares), np.diff(self.times)
+        areas = np.cumsum(spans * (self.places[:-1] + spans * (2 * speeds[:-1] + speeds[1:]) / 6))
+        k = np.clip(np.searchsorted(self.times, at, side="right") - 1, 0, len(spans) - 1)
+        since = np.clip(at - self.times[k], 0.0, spans[k])
+        push = np.diff(speeds)[k] / np.where(spans[k] > 0, spans[k], 1.0)
+        place = self.places[k] + since * (speeds[k] + since * push / 2)
+        area = np.append(0.0, areas)[k] + since * (self.places[k] + since * (speeds[k] / 2 + since * push / 6))
+        after = np.maximum(at - self.times[-1], 0.0)  # it stands
+        return area + after * self.places[-1], place, np.where(after > 0, 0.0, speeds[k] + since * push)
+
+    def past(self, time: float) -> StopLaw:
+        """Return what the plan does in the window before a time, which is 0 in what is returned."""
+        between = (self.times > time - self.window) & (self.times < time)
+        times = np.concatenate([[time - self.window], self.times[between], [time]])
+        _, (first, last), ends = self._plan(times[[0, -1]])
+        begin, end = np.square(ends)
+        k = np.searchsorted(self.times, (times[1:] + times[:-1]) / 2, side="right") - 1
+        return StopLaw(
+            self.cells[np.clip(k, 0, len(self.cells) - 1)],
+            np.concatenate([[first], self.places[between], [last]]),
+            np.concatenate([[begin], self.squares[between], [end]]),
+            times - time,
+            self.window,
+        )
+
+    def visits(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return the cells (V,) in which the robot will be, until when [s], and bounds of ṡ² while it is there."""
+        fastest = np.maximum(self.squares[:-1], self.squares[1:])
+        if not self.window:
+            return self.cells, self.times[1:], fastest
+        ahead = self.places[1:] > self.at(0.0)[0]
+        first, last = self.times[:-1] - self.window, self.times[1:] + self.window
+        near = (self.times[:-1] <= last[ahead, None]) & (self.times[1:] >= first[ahead, None])
+        return self.cells[ahead], last[ahead], np.where(near, fastest, 0.0).max(axis=1, initial=0.0)
+
+
 @dataclass(frozen=True)
-class GuardedPath:
+class BoundedPath:
     """A curve in cells; in each of them ṡ² and |s̈| are bounded so that the joints keep their limits.
 
-    Where the jerk is limited these are bounds of a plan; see `StopMotion`.
+    Where the jerk is limited these are bounds of a plan; see `StopLaw`.
     """
 
     bodies: RobotBodies  # The robot's
     curve: Motion  # The path, proven against all that stands still
-    limits: PathLimits  # The limits that it keeps
+    limits: SpeedLimits  # The limits that it keeps
     edges: FloatArray  # (N + 1,), ends of the cells [rad]
     squares: FloatArray  # (N,), bounds X of ṡ²
     brakes: FloatArray  # (N,), bounds b of |s̈|: |q′|b + |q″|X is within the accelerations of the joints
@@ -141,10 +303,10 @@ class GuardedPath:
         cls,
         bodies: RobotBodies,
         curve: Motion,
-        limits: PathLimits,
+        limits: SpeedLimits,
         step: float = STEP,
         bends: Callable[[Cells, RateLimits], FloatArray] = bending_cap,
-    ) -> GuardedPath:
+    ) -> BoundedPath:
         """Return the path along a curve, in cells no longer than a step [rad]; ṡ is no larger than `bends` (N,)."""
         cells, joints = curve.cells(step), limits.joints
         speeds = np.minimum(velocity_cap(cells, joints), bends(cells, joints))
@@ -171,7 +333,7 @@ class GuardedPath:
         )
 
     def __repr__(self) -> str:
-        return f"GuardedPath({self.length:.3g} rad, {len(self.brakes)} cells)"
+        return f"BoundedPath({self.length:.3g} rad, {len(self.brakes)} cells)"
 
     @property
     def length(self) -> float:
@@ -200,17 +362,17 @@ class GuardedPath:
         return np.asarray(np.square(RETREAT_SPEED / np.maximum(bodies, 1e-9)))
 
     @cached_property
-    def coarse(self) -> GuardedPath:
+    def coarse(self) -> BoundedPath:
         """The same path in large cells, for estimates."""
-        return GuardedPath.along(self.bodies, self.curve, self.limits, _COARSE)
+        return BoundedPath.along(self.bodies, self.curve, self.limits, _COARSE)
 
     @cached_property
-    def fine(self) -> GuardedPath:
+    def fine(self) -> BoundedPath:
         """The same path in cells that are not larger than those of paths that are driven."""
         short = np.diff(self.edges).max() <= STEP * (1 + 1e-9)
-        return self if short else GuardedPath.along(self.bodies, self.curve, self.limits)
+        return self if short else BoundedPath.along(self.bodies, self.curve, self.limits)
 
-    def slowed(self, speeds: FloatArray, step: float, hardest: float) -> GuardedPath:
+    def slowed(self, speeds: FloatArray, step: float, hardest: float) -> BoundedPath:
         """Return the same path with lower bounds (N,) of ṡ; what is known of contacts is shared.
 
         Its cells were made with this step; |s̈| is no more than what joints, and `hardest`, allow at these speeds.
@@ -220,16 +382,14 @@ class GuardedPath:
         path.__dict__["_contacts"] = self._contacts
         return path
 
-    def motion_from(
-        self, s: float, square: float, push: float, tick: float, past: StopMotion | None = None
-    ) -> StopMotion:
+    def motion_from(self, s: float, square: float, push: float, tick: float, past: StopLaw | None = None) -> StopLaw:
         """Return the motion of a tick [s] from (s, ṡ²) and its stop; s̈ is `push`, from −1 to 1, times the `brakes`.
 
         Where the jerk is limited the plan goes on from its `past` along this path, and accelerates less than it brakes.
         """
         grid = self.edges, self.squares, self.brakes, self.ceiling
         if self.limits.joints.jerk is None:
-            return StopMotion(*drive(*grid, s, square, push, tick))
+            return StopLaw(*drive(*grid, s, square, push, tick))
         past = self.past(s, float(np.sqrt(square))) if past is None else past
         here, now = float(past.places[-1]), float(past.squares[-1])
         push = min(push, push * (1 - BRAKING) / BRAKING)
@@ -239,7 +399,7 @@ class GuardedPath:
         waits = corner & (squares == 0.0)
         waits[0] &= past.places[0] < here - _SAME
         end = int(np.flatnonzero(waits)[0]) if waits.any() else len(cells)
-        return StopMotion(
+        return StopLaw(
             np.append(self._cells_at(past.places), cells[:end]),
             np.append(past.places, places[1 : end + 1]),
             np.append(past.squares, squares[1 : end + 1]),
@@ -247,7 +407,7 @@ class GuardedPath:
             past.window,
         )
 
-    def past(self, s: float, speed: float, push: float = 0.0) -> StopMotion:
+    def past(self, s: float, speed: float, push: float = 0.0) -> StopLaw:
         """Return the plan of constant s̈, `push`, that has the robot at s with ṡ; |s̈| is 2 ṡ/w at most."""
         window = averaging_window(self.limits.joints)
         now = max(speed + push * window / 2, 0.0)
@@ -259,7 +419,7 @@ class GuardedPath:
         both = np.sqrt(squares) + now
         times = np.divide(2 * (places - here), both, out=np.zeros(len(places)), where=both > 0)
         times[0] = -window
-        return StopMotion(self._cells_at(places), places, squares, times, window)
+        return StopLaw(self._cells_at(places), places, squares, times, window)
 
     def _cells_at(self, places: FloatArray) -> IntArray:
         """Return the cells (W,) between places (W + 1,)."""
@@ -280,7 +440,7 @@ class GuardedPath:
         return bool(min(self.squares[cells].min(), most) >= square * (1 - _NEARLY))
 
     def margin(
-        self, motion: StopMotion, around: Around, *, exact: bool = False, receding: BoolArray | None = None
+        self, motion: StopLaw, around: Around, *, exact: bool = False, receding: BoolArray | None = None
     ) -> MotionMargin:
         """Return the smallest margin along a motion on this path; see `safe_ompl.live.kernels.gaps`.
 
@@ -384,7 +544,7 @@ class GuardedPath:
         barred = speeds < _BARRED * full
         return np.where(barred, np.inf, np.diff(self.edges) / np.where(barred, 1.0, speeds)), left
 
-    def from_to(self, first: float, last: float) -> GuardedPath:
+    def from_to(self, first: float, last: float) -> BoundedPath:
         """Return the path between two arc lengths; it begins at the start of the piece that holds the first one."""
         begin = float(self.curve.times[self.curve.piece_at(np.array([first]))[0]])
         a = int(np.searchsorted(self.edges, begin - _SAME))
@@ -402,7 +562,7 @@ class GuardedPath:
             frames=CellFrames(*(part[a:b] for part in self.frames)),
         )
 
-    def then(self, other: GuardedPath) -> GuardedPath:
+    def then(self, other: BoundedPath) -> BoundedPath:
         """Return this path and, after a stop at its end, another one that begins there."""
         count = len(self.brakes)
         return replace(
