@@ -10,12 +10,15 @@ import platform
 import shutil
 import sys
 import sysconfig
+from importlib.util import find_spec
 from pathlib import Path
 
+import numpy
+from Cython import __version__ as cython_version
 from Cython.Build import cythonize
 from Cython.Build.SharedModule import generate_shared_module
 from Cython.Compiler.Options import CompilationOptions
-from setuptools import Extension, find_packages, setup
+from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
 from setuptools.command.build_py import build_py
 
@@ -41,6 +44,7 @@ LANES = ["safe_ompl.danger.lanes"]
 
 # Cython's code for memory views is compiled once, into this module, instead of into every module.
 SHARED = "safe_ompl.common.memoryviews"
+SHARED_SOURCE = f"build/memoryviews_{cython_version}.c"
 
 # Results must not depend on the compiler, so fused multiply-add (-ffp-contract) is off, and -ffast-math is never used.
 # The two -fno-… flags change no result; without them loops that take square roots are not vectorised.
@@ -66,61 +70,70 @@ def extensions(with_zig: bool) -> list[Extension]:
     """Return all compiled modules."""
 
     def extension(module: str, *flags: str) -> Extension:
-        return Extension(module, [module.replace(".", "/") + ".pyx"], extra_compile_args=[*FLAGS, *flags])
+        source = module.replace(".", "/") + ".pyx"
+        return Extension(module, [source], include_dirs=[numpy.get_include()], extra_compile_args=[*FLAGS, *flags])
 
     baseline = level("x86-64", with_zig)
     scalar = [extension(module, *baseline, "-fno-tree-slp-vectorize") for module in SCALAR]
     lanes = [extension(module, *level("x86-64-v2", with_zig)) for module in LANES]
     lanes += [extension(f"{module}_v3", *level("x86-64-v3", with_zig)) for module in LANES]
-    return scalar + lanes
-
-
-def shared_module() -> Extension:
-    """Return the module with Cython's code for memory views, and write its source."""
-    source = Path("build", SHARED.rpartition(".")[2] + ".c")
-    source.parent.mkdir(exist_ok=True)
-    generate_shared_module(CompilationOptions(shared_c_file_path=str(source), module_name=SHARED))
-    return Extension(SHARED, [str(source)], extra_compile_args=["-O2"])
+    shared = Extension(SHARED, [SHARED_SOURCE], extra_compile_args=["-O2", "-g0"])
+    return [*scalar, *lanes, shared]
 
 
 class BuildModules(build_ext):
-    """Compiles modules on all processors."""
+    """Translates modules to C and compiles them, on all processors."""
 
     def finalize_options(self) -> None:
         super().finalize_options()
-        self.parallel = self.parallel or os.cpu_count()
-
-
-class CopyScenarios(build_py):
-    """Copies the scenarios of the checkout into the package; an editable install finds them where they are."""
+        self.parallel = self.parallel or os.cpu_count() or 1
 
     def run(self) -> None:
+        header, version = Path(sysconfig.get_path("include"), "Python.h"), sysconfig.get_python_version()
+        if not header.exists():
+            sys.exit(f"{header} is missing: install python{version}-dev (Debian, Ubuntu) or python3-devel (Fedora)")
+        own = compiler()
+        if own is None and find_spec("ziglang") is None:
+            sys.exit("there is no C compiler: install one (gcc or clang), or one from PyPI: pip install ziglang")
+        os.environ["CC"] = own or ZIG
+        if not Path(SHARED_SOURCE).exists():
+            Path("build").mkdir(exist_ok=True)
+            unfinished = f"{SHARED_SOURCE}.unfinished"
+            generate_shared_module(CompilationOptions(shared_c_file_path=unfinished, module_name=SHARED))
+            os.replace(unfinished, SHARED_SOURCE)
+        ours = [module for module in self.extensions if module.name != SHARED]
+        translated = cythonize(
+            ours,
+            compiler_directives=DIRECTIVES,
+            shared_utility_qualified_name=SHARED,
+            build_dir="build",
+            nthreads=self.parallel,
+        )
+        for module, of_c in zip(ours, translated, strict=True):
+            module.sources = of_c.sources
         super().run()
+
+
+class CopyModules(build_py):
+    """Copies the package and, into it, the scenarios; an editable install finds both where they are."""
+
+    def run(self) -> None:
         if not self.editable_mode:
-            shutil.copytree("scenarios", Path(self.build_lib, "safe_ompl", "scenarios"), dirs_exist_ok=True)
-
-
-def build() -> None:
-    """Build the package."""
-    header = Path(sysconfig.get_path("include"), "Python.h")
-    if not header.exists():
-        version = f"{sys.version_info[0]}.{sys.version_info[1]}"
-        sys.exit(f"{header} is missing: install python{version}-dev (Debian, Ubuntu) or python3-devel (Fedora)")
-    own = compiler()
-    os.environ["CC"] = own or ZIG
-    modules = cythonize(
-        extensions(with_zig=own is None),
-        compiler_directives=DIRECTIVES,
-        shared_utility_qualified_name=SHARED,
-        build_dir="build",
-        nthreads=os.cpu_count() or 1,
-    )
-    setup(
-        packages=find_packages(include=["safe_ompl*"]),
-        ext_modules=[*modules, shared_module()],
-        cmdclass={"build_ext": BuildModules, "build_py": CopyScenarios},
-    )
+            # What an earlier build copied may have been removed or renamed since.
+            compiled = self.get_finalized_command("build_ext").get_outputs()
+            for path in Path(self.build_lib).rglob("*"):
+                if path.is_file() and str(path) not in compiled:
+                    path.unlink()
+            package = Path(self.build_lib, "safe_ompl")
+            shutil.copytree("scenarios", package / "scenarios", dirs_exist_ok=True)
+            # Machine code of Numba's kernels, which `.ci/machine_code.py` makes.
+            if made := os.environ.get("SAFE_OMPL_MACHINE_CODE"):
+                shutil.copytree(Path(made, "machine_code"), package / "machine_code", dirs_exist_ok=True)
+        super().run()
 
 
 if __name__ == "__main__":
-    build()
+    setup(
+        ext_modules=extensions(with_zig=compiler() is None),
+        cmdclass={"build_ext": BuildModules, "build_py": CopyModules},
+    )

@@ -1,13 +1,10 @@
-"""Hook of the wheel's build that adds the machine code of all kernels: who installs it waits for no compilation.
+"""Compile all of Numba's kernels to a folder, and run a command with them.
 
-HATCH_BUILD_HOOK_ENABLE_CUSTOM=true python -m build
 python .ci/machine_code.py FOLDER COMMAND …
 
-The code is for the Python that builds, for the newest Numba, which is installed for the build, and for all processors
-with the instructions named here. Without the variable the wheel is for all machines, and kernels are compiled there.
-
-The second line compiles for a command, such as the tests, and then runs it. With SAFE_OMPL_MACHINE_CODE=FOLDER a build
-of the same sources takes the code from there, and compiles nothing.
+A wheel that is built with SAFE_OMPL_MACHINE_CODE=FOLDER holds this machine code: who installs it waits for no
+compilation. The code is for this Python, for the Numba that is installed, and for all processors with the instructions
+named here. Without the variable kernels are compiled where the wheel is installed.
 """
 
 from __future__ import annotations
@@ -17,10 +14,8 @@ import platform
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterable, Iterator
 from importlib import import_module
-from importlib.metadata import distribution
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
@@ -70,33 +65,6 @@ def build(root: str, folder: Path) -> dict[str, str]:
     path = os.pathsep.join([root, *sys.path])
     subprocess.run([sys.executable, __file__, str(folder)], env=environment | {"PYTHONPATH": path}, check=True)
     return environment
-
-
-try:
-    from hatchling.builders.hooks.plugin.interface import BuildHookInterface
-except ImportError:  # in the process that compiles, where there may be none
-    BuildHookInterface = object
-
-
-class MachineCode(BuildHookInterface):
-    """Hatch's hook: kernels become data of the wheel, which is then for one Python and one kind of machine."""
-
-    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Add the folder and the tag; there are no kernels in what an editable install makes."""
-        if version == "editable":
-            return
-        self.folder = Path(tempfile.mkdtemp())
-        if not (made := os.environ.get("SAFE_OMPL_MACHINE_CODE")):
-            build(self.root, self.folder)
-        build_data["force_include"][str(Path(made or self.folder) / "machine_code")] = "safe_ompl/machine_code"
-        lines = distribution("numba").read_text("WHEEL").splitlines()  # it is for the same machines
-        machines = sorted(line.rpartition("-")[2] for line in lines if line.startswith("Tag: "))
-        build_data["tag"] = f"cp{sys.version_info[0]}{sys.version_info[1]}-none-{'.'.join(machines)}"
-
-    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
-        """Remove what was built."""
-        if version != "editable":
-            shutil.rmtree(self.folder)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,6 @@
 """The kernels in Cython give the same bits as those in Numba, whose places they are to take."""
 
-import subprocess
-import sys
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,22 +23,10 @@ from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.simplification import cost as numba_cost, descent, edges, measures
 from safe_ompl.robot import kernels as numba_robot, motion_limits
 
-ROOT = Path(safe_ompl.__file__).parents[1]
-PACKAGES = ("common", "robot", "geometry", "collision", "danger", "motions", "planning.simplification", "view")
-pytestmark = [
-    pytest.mark.end_to_end,
-    pytest.mark.skipif(not (ROOT / "setup.py").exists(), reason="the modules are built from a checkout"),
-]
-
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory):
-    """Return a function from a module's name to the module, compiled from this checkout into a folder of its own."""
-    folder = tmp_path_factory.mktemp("built")
-    build = [sys.executable, "setup.py", "build_ext", "--build-lib", folder, "--build-temp", folder / "temp"]
-    subprocess.run([*map(str, build)], cwd=ROOT, check=True, capture_output=True)
-    for name in PACKAGES:
-        import_module(f"safe_ompl.{name}").__path__.append(str(folder / "safe_ompl" / name.replace(".", "/")))
+def built():
+    """Return a function from a module's name to the module."""
     return lambda name: import_module(f"safe_ompl.{name}")
 
 
@@ -223,7 +208,7 @@ def test_costs_and_descents_of_paths(built, setup):
 
 
 def test_points_and_pictures(built, rng):
-    convex, points, rendering = built("geometry.convex"), built("geometry.surface_points"), built("view.rendering")
+    convex, points, rendering = built("geometry.convex"), built("geometry.surface_points"), built("drawing.rendering")
     cloud = rng.normal(size=(60, 3))
     same(extreme_vertices(cloud, 4), convex.extreme_vertices(cloud, 4))
     size, profile = np.array([0.3, 0.2, 0.5]), numba_surfaces.sphere_profile(0.2, 0.03)
