@@ -39,7 +39,6 @@ def files(tmp_path_factory):
 SMALL = {
     "certify": "--edges 14 --hard 14 --paths 1 --only verdicts hard danger",
     "field": "--rounds 2",
-    "guard": "--runs 1 --only guard",
     "hard": "--problems 0:1 --time 1 --families RRTConnect",
     "live": "{files} --sample 1 --places 1 --seconds 0.5 --policies ours,half-speed,alone",
     "motion": "--edges 2 --rounds 2",
