@@ -117,6 +117,7 @@ class MotionProver:
     limits: Sequence[MotionLimit] = field(default=(), kw_only=True)
     stop: Callable[[], bool] = field(default=lambda: False, kw_only=True)
     required: RequiredDistances = field(init=False)
+    _widened: dict[float, RequiredDistances] = field(init=False, default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "floor", number("floor", self.floor, above=0.0, kind="length [m]"))
@@ -233,13 +234,13 @@ class MotionProver:
         """Return the required distances with a margin [m] from obstacles besides; those of the last call are kept."""
         if not margin:
             return self.required
-        # Another thread may put its own there.
-        known: tuple[float, RequiredDistances] | None = vars(self).get("_widened")
-        if known is None or known[0] != margin:
+        widened = self._widened.get(margin)
+        if widened is None:
             pairs = self.required.pairs
-            known = margin, RequiredDistances(pairs, np.maximum(self.required.least, pairs.margins(margin)))
-            object.__setattr__(self, "_widened", known)
-        return known[1]
+            widened = RequiredDistances(pairs, np.maximum(self.required.least, pairs.margins(margin)))
+            self._widened.clear()
+            self._widened[margin] = widened
+        return widened
 
     def _edge(self, start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArray]:
         n = self.checker.robot.n

@@ -122,6 +122,7 @@ class DangerField:
         self._measure = kernel.Aggregate(AGGREGATES.index(self.aggregate), self.sharpness)
         self._no_gradients = np.empty((0, len(tree.joints)))
         self._scene: tuple[Scene, float | None] | None = None
+        self._minimum: float | None = None
         self._take(DangerPoints(points, weights, self.k1))
 
     @classmethod
@@ -169,7 +170,7 @@ class DangerField:
         """Return the field at other danger points, which stay where they are."""
         other = copy.copy(self)
         other._points, other._scene, other._frozen = points, None, None
-        vars(other).pop("_minimum", None)
+        other._minimum = None
         return other
 
     def frozen(self) -> DangerField:
@@ -271,10 +272,12 @@ class DangerField:
 
         Zero where there are no danger points, or prismatic joints make the links' lengths change (eq. 1).
         """
-        return self.frozen()._minimum
+        field = self.frozen()
+        if field._minimum is None:
+            field._minimum = field._least()
+        return field._minimum
 
-    @cached_property
-    def _minimum(self) -> float:
+    def _least(self) -> float:
         if not len(self.points) or self.factors is None:
             return 0.0
         # (L, M): no point of a segment is farther away than both of its ends

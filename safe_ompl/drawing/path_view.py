@@ -26,7 +26,7 @@ _MOST_POINTS = 4000  # danger points that are shown; of more, evenly chosen ones
 _PEOPLE, _THINGS = (0.80, 0.10, 0.12), (0.10, 0.35, 0.75)
 
 
-class DangerPoints:
+class ColouredDangerPoints:
     """The danger points, coloured by their levels w·CDF(p) up to `most`, and the most dangerous one with its level."""
 
     def __init__(self, view: Any, name: str, field: DangerField, most: float) -> None:
@@ -263,11 +263,11 @@ class PathView:
         paint = NEUTRAL if colour is None else mixed(NEUTRAL, colour, _TINT)
         self._robot = RobotFigure(view, f"{node}/robot", body, paint)
         self.lines = ClearanceLines(view, f"{node}/clearance", content.robot, content.still)
-        self._layers: list[RobotFigure | ClearanceLines | DangerPoints] = [self._robot, self.lines]
+        self._layers: list[RobotFigure | ClearanceLines | ColouredDangerPoints] = [self._robot, self.lines]
         if (field := content.danger_field) is not None:
             ways = [self.samples, *(content.along(other, _EVENLY) for other in content.paths)]
             most = float(field.values(np.vstack(ways)).max())
-            self._layers.append(DangerPoints(view, f"{node}/danger", field, most))
+            self._layers.append(ColouredDangerPoints(view, f"{node}/danger", field, most))
         self.label: Any = None
         if colour is not None:
             self._add_way(body, colour)

@@ -88,7 +88,7 @@ def tradeoff(setup: SafeSetup, weights: Sequence[float] = _WEIGHTS, *, time: flo
     if isinstance(weights, str) or not len(weights):
         raise InputError(f"weights must be a list that is not empty, got {weights!r}")
     ordered = sorted({number("weight", weight, at_least=0.0, at_most=_LARGEST_WEIGHT) for weight in weights})
-    search = _Search(setup, ordered, time)
+    search = _FrontSearch(setup, ordered, time)
     with noted_ctrl_c() as interrupts, until_ctrl_c():
         search.start(time, seed)
         search.improve()
@@ -98,7 +98,7 @@ def tradeoff(setup: SafeSetup, weights: Sequence[float] = _WEIGHTS, *, time: flo
     return Tradeoff(tuple(path.result for _, path in front), tuple(weight for weight, _ in front), bool(interrupts))
 
 
-class _Found(NamedTuple):
+class _FoundPath(NamedTuple):
     """A proven path: its length with the obstacle cost, D, length and mean danger, and all else."""
 
     way: float
@@ -111,7 +111,7 @@ class _Found(NamedTuple):
         return self.way + weight * self.danger
 
 
-class _Search:
+class _FrontSearch:
     """All paths found; each weight goes on from the one that is best for it."""
 
     def __init__(self, setup: SafeSetup, weights: Sequence[float], time: float) -> None:
@@ -120,7 +120,7 @@ class _Search:
         self._danger, near = setup.simplifier.weighing(1.0).cost, setup.simplifier.obstacle_cost
         self._way = PathCost(setup.robot, [] if near is None else [near])
         self._tried: set[tuple[float, int, int]] = set()
-        self.found: list[_Found] = []
+        self.found: list[_FoundPath] = []
 
     def start(self, time: float, seed: int) -> None:
         """Plan the starts, until half of the time [s] is over and there is one."""
@@ -144,14 +144,14 @@ class _Search:
                 weights.reverse()  # a weight goes on from paths for the smaller and the larger one in turns
                 gains = [p for w, p in before.items() if self._best(w).cost(w) < (1.0 - _WORTHWHILE) * p.cost(w)]
 
-    def front(self) -> list[tuple[float, _Found]]:
+    def front(self) -> list[tuple[float, _FoundPath]]:
         """Return the paths of the front with their weights.
 
         Of the best paths for two weights, that for the larger one has no larger D and costs no less without it: add
         W₁ + w₁D₁ ≤ W₂ + w₁D₂ and W₂ + w₂D₂ ≤ W₁ + w₂D₁. Paths that are hardly safer are left out, and those that are
         longer for their nearness to obstacles alone.
         """
-        front = list[tuple[float, _Found]]()
+        front = list[tuple[float, _FoundPath]]()
         for weight in sorted(self._simplifiers) if self.found else ():
             path = self._best(weight)
             while front and path.length <= front[-1][1].length and path.mean < front[-1][1].mean:
@@ -160,16 +160,16 @@ class _Search:
                 front.append((weight, path))
         return front
 
-    def _best(self, weight: float) -> _Found:
+    def _best(self, weight: float) -> _FoundPath:
         return min(self.found, key=lambda path: (path.cost(weight), path.danger))
 
     def _add(self, result: PlanResult) -> None:
         report = result.report
         if result.path is not None and report is not None and report.certified and report.danger is not None:
             way, danger = self._way.of(result.path), self._danger.of(result.path) - report.length
-            self.found.append(_Found(way, danger, report.length, report.danger.mean, result))
+            self.found.append(_FoundPath(way, danger, report.length, report.danger.mean, result))
 
-    def _simplify(self, found: _Found, weight: float, refinement: int) -> None:
+    def _simplify(self, found: _FoundPath, weight: float, refinement: int) -> None:
         """Simplify a path for a weight, unless that was done."""
         parent, step = found.result, (weight, refinement, id(found.result))
         if parent.path is None or step in self._tried or self._over():

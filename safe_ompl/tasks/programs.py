@@ -35,7 +35,7 @@ from safe_ompl.common import (
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion, PathTimer, Trajectory
 from safe_ompl.robot import Robot
-from safe_ompl.scene import Attach, Detach, Goal, Gripper, Line, Move, Scenario, Seam, Wait, configuration_for
+from safe_ompl.scene import Attach, Detach, Goal, Gripper, Line, Move, Scenario, Seam, Step, Wait, configuration_for
 from safe_ompl.tasks.corridor import Corridor
 from safe_ompl.tasks.program_result import ProgramResult, Stretch
 from safe_ompl.tasks.tip import configurations_at
@@ -195,7 +195,13 @@ class _ProgramPlanner:
         elif isinstance(step, Seam):
             yield 0.0, [], partial(self._line, step, state, [pose.se3 for pose in step.poses])
         else:
-            yield 0.0, [], partial(getattr(self, f"_{step.kind}"), step, state)
+            planned: dict[type[Step], Callable[..., Any]] = {
+                Gripper: self._gripper,
+                Attach: self._attach,
+                Detach: self._detach,
+                Wait: self._wait,
+            }
+            yield 0.0, [], partial(planned[type(step)], step, state)
 
     def _targets(self, step: Move | Line, state: CellState) -> Iterator[tuple[Mapping[Any, int], pin.SE3, list[str]]]:
         """Yield what may be chosen, where the tip is to be then, and the choice in words."""

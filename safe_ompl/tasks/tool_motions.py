@@ -202,7 +202,7 @@ class ToolPlanner:
         rates = RateLimits.of(robot) if limits is None else limits
         wanted = None if speed is None else number("speed", speed, above=0.0)
         begins = None if start is None else finite_array(start, (robot.n,), "start")
-        search = _Search(
+        search = _LadderSearch(
             ToolPath.of(path), self.prover, self.field, instance("corridor", corridor or Corridor(), Corridor)
         )
         found = search.run(begins, np.random.default_rng(self._seed), self._effort)
@@ -212,7 +212,7 @@ class ToolPlanner:
         return replace(found, planning_time=clock() - begin)
 
 
-class _Search:
+class _LadderSearch:
     """The search for one curve."""
 
     def __init__(self, path: ToolPath, prover: MotionProver, field: DangerField | None, corridor: Corridor) -> None:

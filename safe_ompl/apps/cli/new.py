@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.pick_and_place import Gripper, block, planned
+from safe_ompl.apps.cli.pick_and_place import CubeGripper, block, planned
 from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, documents as document, files
 from safe_ompl.geometry import Obstacle, Person, Pose
@@ -104,7 +104,7 @@ def _prepare_new(options: argparse.Namespace) -> Callable[[], int]:
     with document.within("--", separator=""):
         given = RobotSpec.from_mapping(chosen, Path())
     new = New(*with_arm(given), Path(options.output))
-    return partial(new.pick_and_place, Gripper(new.spec, new.robot.tip)) if options.pick_and_place else new
+    return partial(new.pick_and_place, CubeGripper(new.spec, new.robot.tip)) if options.pick_and_place else new
 
 
 def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
@@ -191,7 +191,7 @@ class New:
         _say(f"    safe-ompl verify {stem}.certificate.json {file}")
         _say(f"    safe-ompl view {shown.replace('STEM', stem)} --html {stem}.html")
 
-    def pick_and_place(self, gripper: Gripper) -> int:
+    def pick_and_place(self, gripper: CubeGripper) -> int:
         """Find a program that can be planned, write the scenario, and say what to do with it."""
         person, reach = self._person(np.round(self._sampled(), 2))
         spec = replace(self.spec, locked={**(self.spec.locked or {}), **gripper.open})

@@ -29,7 +29,7 @@ _LINE = 120  # letters
 _UP, _TIME = 0.1, 10.0  # [m] above grasps and places; [s] for each table
 
 
-class Gripper:
+class CubeGripper:
     """The gripper of an arm with a tip: which joints close it on a cube, and where the tip is then.
 
     InputError if the arm has none, or none with two fingers that close.
@@ -128,7 +128,7 @@ def _axis(direction: FloatArray) -> FloatArray:
 
 
 def planned(
-    spec: RobotSpec, gripper: Gripper, about: Mapping[str, Any], shoulder: FloatArray, reach: float, folder: Path
+    spec: RobotSpec, gripper: CubeGripper, about: Mapping[str, Any], shoulder: FloatArray, reach: float, folder: Path
 ) -> tuple[dict[str, Any], ProgramResult]:
     """Return a scenario `about` a robot and a person, with a program that is solved; SafeOmplError if none is.
 
@@ -161,7 +161,7 @@ def planned(
     raise SafeOmplError(f"{spec.urdf}: the arm cannot pick and place from above on any table that was tried; {why}")
 
 
-def _start(robot: Robot, scene: Scene, above: pin.SE3, gripper: Gripper) -> dict[str, float] | str:
+def _start(robot: Robot, scene: Scene, above: pin.SE3, gripper: CubeGripper) -> dict[str, float] | str:
     """Return a free configuration with the gripper above a pose, or why there is none."""
     checker, rng = CollisionChecker(robot, scene), np.random.default_rng(0)
     middle = 0.5 * (np.maximum(robot.lower, -np.pi) + np.minimum(robot.upper, np.pi))
@@ -173,7 +173,7 @@ def _start(robot: Robot, scene: Scene, above: pin.SE3, gripper: Gripper) -> dict
     return f"{' touches '.join(touching[0])}: see `safe-ompl srdf`" if touching else "out of reach"
 
 
-def _program(gripper: Gripper, places: list[dict[str, Any]], start: dict[str, float]) -> dict[str, Any]:
+def _program(gripper: CubeGripper, places: list[dict[str, Any]], start: dict[str, float]) -> dict[str, Any]:
     touching = [[link, "cube"] for link in gripper.links]
     grasps = [
         {"position": _rounded(g.translation), "rpy": _rounded(pin.rpy.matrixToRpy(g.rotation))} for g in gripper.grasps

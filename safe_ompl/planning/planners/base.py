@@ -8,7 +8,6 @@ from abc import abstractmethod
 from collections import ChainMap
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import count
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast, overload
 
@@ -175,11 +174,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def setSeed(self, seed: int) -> None:
         """Start the planner's random numbers anew; the same seed gives the same path."""
         self._seed = whole_number("seed", seed, at_least=0)
-        self.__dict__.pop("_rng", None)
-
-    @cached_property
-    def _rng(self) -> np.random.Generator:
-        return np.random.default_rng(self._seed)
+        self._rng = np.random.default_rng(self._seed)
 
     def getSeed(self) -> int:
         """Return the seed."""

@@ -99,7 +99,7 @@ def test_the_way_back_is_checked_as_it_is_driven():
 
 def test_a_roadmap_asks_for_each_margin_of_an_edge_once(shelf, monkeypatch):
     problem, asked = PlanningProblem(shelf.getSpaceInformation()), []
-    roadmap, start = Roadmap(problem), np.array(shelf.problem.start)
+    roadmap, start = Roadmap(problem), np.array(shelf.query.start)
     roadmap.add(np.array([start, start + 0.01]))
     is_free = problem.motion_is_free
     monkeypatch.setattr(problem, "motion_is_free", lambda *args: asked.append(args) or is_free(*args))

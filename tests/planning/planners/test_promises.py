@@ -318,8 +318,8 @@ def test_clearance_costs_no_solution_where_no_motion_keeps_it(shelf, name, dange
     """The floor is nearer than the margin wherever the arm is, and the margin is not cut to what the ends keep."""
     monkeypatch.setattr(Margin, "_allowed_by", lambda self, ends: LARGE)
     setup = SafeSetup(shelf.robot, shelf.scene, danger=danger)
-    setup.setWorkspaceGoal(shelf.robot.tip_pose(shelf.problem.goals[0]).translation)
-    setup.setConfigurations(shelf.problem.start, shelf.problem.goals)
+    setup.setWorkspaceGoal(shelf.robot.tip_pose(shelf.query.goals[0]).translation)
+    setup.setConfigurations(shelf.query.start, shelf.query.goals)
     result = setup.plan(name, time=60.0, seed=0)
     assert result
     assert result.counts.nodes < 2000
