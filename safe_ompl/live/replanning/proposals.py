@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,15 +13,23 @@ from safe_ompl.live.replanning.bounded_path import BENDS, averaging_window
 from safe_ompl.motions import BRAKING, Cells, Motion, RateLimits, State, bending_cap
 from safe_ompl.robot import Robot
 
-_SHARE = 0.5  # of the accelerations: what stops at full speed may take at least, and what velocities are approached by
-_JUMP = 2.0  # times the velocity limit: what needs more from one position to the next is a jump
-_BETWEEN = 0.05  # [s] between positions that are taken of a spline, at most
-_DENSE = 0.01  # [s] of positions that are denser only some are taken
-_AFTER = 0.5  # [s] Positions so long after the window shape the spline in it.
-_OVER = 1e-3  # [s] with less than this left a proposal is over
-_SHORTEST = 1e-3  # [s] of a change of velocity
-_DAMPING = 0.05  # [m/rad] of the inverse of the Jacobian
-_LEFT_OUT = (0, 2)  # of the next positions, where the robot cannot go through them in its direction
+# Share of the accelerations that stops at full speed may take at least, and by which velocities are approached.
+_SHARE = 0.5
+# Positions are a jump if a joint needs more than so many times its velocity limit from one to the next.
+_JUMP = 2.0
+# Positions that are taken of a spline are no farther apart; of positions that are denser than this some are left out.
+_BETWEEN = 0.05  # [s]
+_DENSE = 0.01  # [s]
+# Positions so long after the window shape the spline in the window.
+_AFTER = 0.5  # [s]
+# With less than this left a proposal is over.
+_OVER = 1e-3  # [s]
+# A change of velocity takes at least so long.
+_SHORTEST = 1e-3  # [s]
+# Damping of the inverse of the Jacobian.
+_DAMPING = 0.05  # [m/rad]
+# So many of the next positions are left out where the robot cannot go through them in its direction.
+_LEFT_OUT = (0, 2)
 _AT_REST = 1e-9  # [rad/s]
 # Velocities are proposed at most so many times as fast as the limits of the joints, as chunks of positions are.
 _FASTEST = 2.0
@@ -29,42 +37,52 @@ _FASTEST = 2.0
 # faster than the robot is. Such a curve leaves the straight way to that position by at most 4/27 of the sine times its
 # length, 13 %.
 _ALONG = 0.5
-HARDEST = 100.0  # [1/s²] bound of the braking where the joints hardly move
-_ROUNDED = 1e-9  # by which lines to brake on are longer than without rounding
-_CUBIC = 3  # degree of the pieces of a curve
-_EXACT = 0.02  # [s] between the ends of cubics that take the place of pieces of a higher degree
-_CORNER = 1e-4  # [rad/s] a velocity that jumps by more is a corner
-# With a limit of the jerk: what brings a q″ of 1 to 0 within a time of 1, each for a third of that, and leaves no
-# velocity and no way; what share of the jerk that takes; and halves of the times that changes of velocity take [s].
-_BUMP = (-5.5, 3.5, -1.0)
+# Bound of the braking where the joints hardly move.
+HARDEST = 100.0  # [1/s²]
+# Lines to brake on are longer by this share than without rounding.
+_ROUNDED = 1e-9
+# The degree of the pieces of a curve, and the time between the ends of cubics that take the place of pieces of a higher
+# degree.
+_CUBIC = 3
+_EXACT = 0.02  # [s]
+# A velocity that jumps by more than this is a corner.
+_CORNER = 1e-4  # [rad/s]
+# With a limit of the jerk: the q‴ that bring a q″ of 1 to 0 within a time of 1, each for a third of that time, and
+# leave no velocity and no way; which share of the jerk they take; and halves of the times that changes of velocity
+# take.
+_BUMP: FloatArray = np.array([-5.5, 3.5, -1.0])
 _BUMP_SHARE = 0.15
-_RAMPS: FloatArray = np.geomspace(_SHORTEST, 10.0, 100)
+_RAMPS: FloatArray = np.geomspace(_SHORTEST, 10.0, 100)  # [s]
+# Knots that are nearer than this are one.
 _SAME = 1e-9  # [s]
 
 
-class Piece(NamedTuple):
-    """A cubic by q, q′, q″ and q‴ where it begins, (n,) each, and its length."""
+class Beginning(NamedTuple):
+    """A curve that begins where the robot is, and how fast the robot goes along it there."""
 
-    start: FloatArray
-    slope: FloatArray
-    bend: FloatArray
-    swing: FloatArray
-    length: float
-
-    @property
-    def powers(self) -> FloatArray:
-        """Coefficients (4, n) of the powers of the share of its length, as a `Motion` has them."""
-        t = self.length
-        return np.array([self.start, t * self.slope, t * t / 2 * self.bend, t * t * t / 6 * self.swing])
+    curve: Motion
+    speed: float  # ṡ
+    acceleration: float = 0.0  # s̈
 
 
-Beginning: TypeAlias = tuple[list[Piece], float, float]  # of a curve, and ṡ and s̈ there
+def cubics(knots: FloatArray, derivatives: FloatArray) -> Motion:
+    """Return the path by knots (K + 1,) whose pieces begin with q, q′, q″ and q‴, (K, 4, n)."""
+    t = np.diff(knots)[:, None]
+    factors = np.stack([np.ones_like(t), t, t * t / 2, t * t * t / 6], axis=1)
+    return Motion(knots, factors * derivatives, timed=False)
 
 
-def curve_of(pieces: Sequence[Piece]) -> Motion:
-    """Return the path along pieces, one after the other, by their lengths; nothing turns between them."""
-    ends = np.cumsum([piece.length for piece in pieces])
-    return Motion(np.append(0.0, ends), np.array([piece.powers for piece in pieces]), timed=False)
+def _through(q: FloatArray, velocity: FloatArray, d2: FloatArray, d3: FloatArray, spans: FloatArray) -> Motion:
+    """Return the path from q and q′ (n,) on whose K pieces begin with q″ `d2: (K, n)` and have q‴ `d3: (K, n)`."""
+    t = spans[:, None]
+    first = velocity + _sums_before(t * (d2 + t * d3 / 2))
+    positions = q + _sums_before(t * (first + t * (d2 / 2 + t * d3 / 6)))
+    return cubics(np.append(0.0, np.cumsum(spans)), np.stack([positions, first, d2, d3], axis=1))
+
+
+def _sums_before(steps: FloatArray) -> FloatArray:
+    """Return the sums (K, n) of the steps (K, n) before each."""
+    return np.cumsum(np.vstack([np.zeros_like(steps[:1]), steps[:-1]]), axis=0)
 
 
 def least_brake(limits: RateLimits) -> float:
@@ -148,22 +166,21 @@ class Positions:
         motion = motion.for_robot(self.robot)
         if motion.degree <= 1 or self.limits.jerk is not None:
             still = np.zeros(motion.n)
-            pieces, *_ = next(self.curves(0.0, State(self.positions[0], still, still), np.inf))
-            return curve_of(pieces)
+            return next(self.curves(0.0, State(self.positions[0], still, still), np.inf)).curve
         if motion.degree > _CUBIC:
             counts = np.ceil(np.diff(motion.times) / _EXACT).astype(int).tolist()
             motion = motion.cut({k: np.arange(1, m) / m for k, m in enumerate(counts) if m > 1})
         powers = motion.coefficients
-        begins, slopes = powers[:, 0], powers[:, 1]
-        ways, after = powers.sum(axis=1) - begins, (powers * np.arange(motion.degree + 1)[:, None]).sum(axis=1)
-        cubics = np.stack([begins, slopes, 3 * ways - 2 * slopes - after, slopes + after - 2 * ways], axis=1)
+        begins, first = powers[:, 0], powers[:, 1]
+        ways, last = powers.sum(axis=1) - begins, (powers * np.arange(motion.degree + 1)[:, None]).sum(axis=1)
+        coefficients = np.stack([begins, first, 3 * ways - 2 * first - last, first + last - 2 * ways], axis=1)
         spans = np.diff(motion.times)[:, None]
-        jumps = np.abs(after[:-1] / spans[:-1] - slopes[1:] / spans[1:]).max(axis=1)
+        jumps = np.abs(last[:-1] / spans[:-1] - first[1:] / spans[1:]).max(axis=1)
         corners = tuple((1 + np.flatnonzero(jumps > _CORNER)).tolist())
-        return Motion(motion.times - motion.times[0], cubics, motion.joint_names, timed=False, corners=corners)
+        return Motion(motion.times - motion.times[0], coefficients, motion.joint_names, timed=False, corners=corners)
 
     def curves(self, begin: float, state: State, window: float) -> Iterator[Beginning]:
-        """Yield curves from a state at `begin` of it on, with ṡ and s̈ where they begin, the nearest to it first.
+        """Yield curves from a state at `begin` of the proposal on, the nearest to the proposal first.
 
         They are right for a window [s] at least. A negative `begin` is before its start.
 
@@ -196,72 +213,71 @@ class Positions:
                 break
             step = through[0] - state.q
             fast = float(np.linalg.norm(step) / at[0])
-            paces = [1.0]
+            begins = [1.0]
             if speed < _AT_REST:
-                paces.append(0.0)
+                begins.append(0.0)
             elif speed < fast and state.qd @ step >= _ALONG * speed * np.linalg.norm(step):
-                paces.append(speed / fast)
-            for pace in paces:
-                slope = state.qd / pace if pace else None
-                pieces = _spline(state.q, slope, at, through)
-                for push in _pushes(state, pace, self.limits):
-                    if slope is not None and self.limits.jerk is not None:
-                        bend = (state.qdd - push * slope) / (pace * pace)
-                        pieces = _bent(pieces, bend, pace, self.limits.jerk)
-                    if _can_begin(pieces[0], pace, self.limits):
-                        yield pieces, pace, push
+                begins.append(speed / fast)
+            for rate in begins:
+                velocity = state.qd / rate if rate else None
+                curve = _spline(state.q, velocity, at, through)
+                for acceleration in _accelerations(state, rate, self.limits):
+                    if velocity is not None and self.limits.jerk is not None:
+                        d2 = (state.qdd - acceleration * velocity) / (rate * rate)
+                        curve = _bent(curve, d2, rate, self.limits.jerk)
+                    if _can_begin(curve, rate, self.limits):
+                        yield Beginning(curve, rate, acceleration)
         if speed >= _AT_REST and self.limits.jerk is None:
             hardest = min(HARDEST, float((self.limits.acceleration[moves] / np.abs(state.qd[moves])).min()))
-            straight = Piece(state.q, state.qd, 0 * state.q, 0 * state.q, (1 + _ROUNDED) / (2 * hardest))
-            if straight.length < self.duration - begin:
-                yield [straight], 1.0, 0.0
+            length, none = (1 + _ROUNDED) / (2 * hardest), np.zeros((1, robot.n))
+            if length < self.duration - begin:
+                yield Beginning(_through(state.q, state.qd, none, none, np.array([length])), 1.0)
 
 
-def _pushes(state: State, pace: float, limits: RateLimits) -> list[float]:
-    """Return the s̈ with which a curve may begin at ṡ = pace: what the robot has in its direction, and 0."""
+def _accelerations(state: State, rate: float, limits: RateLimits) -> list[float]:
+    """Return the s̈ with which a curve may begin at ṡ = rate: what the robot has in its direction, and 0."""
     if limits.jerk is None:
         return [0.0]
-    if pace == 0.0:
+    if rate == 0.0:
         return [0.0] if np.abs(state.qdd).max() < _AT_REST else []
-    if pace == 1.0:
+    if rate == 1.0:
         return [0.0]
-    most = 2 * pace / averaging_window(limits)  # that its plan moves forward
-    along = float(state.qdd @ state.qd / (state.qd @ state.qd)) * pace
+    most = 2 * rate / averaging_window(limits)  # that its plan moves forward
+    along = float(state.qdd @ state.qd / (state.qd @ state.qd)) * rate
     return [float(np.clip(along, -most, most)), 0.0]
 
 
-def _bent(pieces: list[Piece], bend: FloatArray, pace: float, jerk: FloatArray) -> list[Piece]:
+def _bent(spline: Motion, d2: FloatArray, rate: float, jerk: FloatArray) -> Motion:
     """Return a spline that begins with another q″, and so is elsewhere for a while, as the jerk (n,) allows.
 
-    The difference has three pieces of constant q‴, at the end of which it, its q′ and its q″ are 0.
+    The difference has three pieces of constant q‴, at the end of which the difference, its q′ and its q″ are 0.
     """
-    spline, still = curve_of(pieces), np.zeros_like(bend)
-    change = bend - pieces[0].bend
-    length = pace**3 * max(map(abs, _BUMP)) * float((np.abs(change) / jerk).max()) / _BUMP_SHARE
+    change = d2 - spline.places(np.zeros(1)).d2q_ds2[0]
+    length = rate**3 * np.abs(_BUMP).max() * float((np.abs(change) / jerk).max()) / _BUMP_SHARE
     length = float(np.clip(length, _SHORTEST, 0.5 * spline.length))
-    q, slope, rest, bump = still, still, change, list[Piece]()
-    for swing in _BUMP:
-        bump.append(Piece(q, slope, rest, swing / length * change, length / len(_BUMP)))
-        q, slope, rest = _end(bump)
-    difference = curve_of([*bump, Piece(still, still, still, still, spline.length - length)])
+    still, spans = np.zeros_like(change), np.append(np.full(3, length / 3), spline.length - length)
+    third = np.append(_BUMP, 0.0)[:, None] / length * change
+    second = change + _sums_before(spans[:, None] * third)
+    second[-1] = 0.0
+    difference = _through(still, still, second, third, spans)
     at = np.union1d(spline.times[:-1], difference.times[:-1])
     at = at[np.diff(at, append=spline.length) > _SAME]
-    rows = (one + other for one, other in zip(spline.places(at), difference.places(at), strict=True))
-    return [Piece(*row) for row in zip(*rows, np.diff(at, append=spline.length).tolist(), strict=True)]
+    parts = zip(spline.places(at), difference.places(at), strict=True)
+    return cubics(np.append(at, spline.length), np.stack([one + other for one, other in parts], axis=1))
 
 
-def _can_begin(piece: Piece, pace: float, limits: RateLimits) -> bool:
-    """Return whether `proposed_cap` allows a ṡ where a piece begins."""
-    most = limits.acceleration
-    room = np.maximum(most - least_brake(limits) * np.abs(piece.slope), _SHARE * most)
-    return bool((np.abs(piece.bend) * pace * pace <= room).all())
+def _can_begin(curve: Motion, rate: float, limits: RateLimits) -> bool:
+    """Return whether `proposed_cap` allows a ṡ where a curve begins."""
+    begin, most = curve.places(np.zeros(1)), limits.acceleration
+    room = np.maximum(most - least_brake(limits) * np.abs(begin.dq_ds[0]), _SHARE * most)
+    return bool((np.abs(begin.d2q_ds2[0]) * rate * rate <= room).all())
 
 
-def _spline(q: FloatArray, slope: FloatArray | None, times: FloatArray, points: FloatArray) -> list[Piece]:
-    """Return the cubic spline from `q` at 0 through points (K, n) at times (K,); q″ is 0 at ends without a slope."""
+def _spline(q: FloatArray, velocity: FloatArray | None, times: FloatArray, points: FloatArray) -> Motion:
+    """Return the cubic spline from `q` at 0 through points (K, n) at times (K,); q″ is 0 at ends without a velocity."""
     knots = np.append(0.0, times)
-    powers = polynomials.cubic_spline(knots, np.vstack([q, points]), slope) * np.array([1.0, 1.0, 2.0, 6.0])[:, None]
-    return [Piece(*row) for row in zip(*np.swapaxes(powers, 0, 1), np.diff(knots).tolist(), strict=True)]
+    powers = polynomials.cubic_spline(knots, np.vstack([q, points]), velocity)
+    return cubics(knots, powers * np.array([1.0, 1.0, 2.0, 6.0])[:, None])
 
 
 @dataclass(frozen=True)
@@ -289,42 +305,44 @@ class Velocity:
         target = target * (_FASTEST / max(fastest, _FASTEST))
         limits, still = self.limits, np.zeros_like(target)
         if limits.jerk is None:
-            pushes = _SHARE * limits.acceleration
-            up = float((np.abs(target - state.qd) / pushes).max())
-            down = max(float((np.abs(target) / pushes).max()), _SHORTEST)
+            most = _SHARE * limits.acceleration
+            up = float((np.abs(target - state.qd) / most).max())
+            down = max(float((np.abs(target) / most).max()), _SHORTEST)
             up = max(up, _SHORTEST) if up > 0 else 0.0
-            q, pieces = state.q, []
-            for slope, last, span in ((state.qd, target, up), (target, target, self.held - up), (target, still, down)):
-                if span > 0:
-                    pieces.append(Piece(q, slope, (last - slope) / span, still, span))
-                    q = q + span * (slope + last) / 2
+            spans = np.array([up, self.held - up, down])
+            changes = np.stack([target - state.qd, still, -target])
+            kept = spans > 0
+            second = changes[kept] / spans[kept, None]
+            third, spans = np.zeros_like(second), spans[kept]
         else:
-            pieces = _ramp(state, target, limits)
-            up = sum(piece.length for piece in pieces)
-            if up < self.held:
-                pieces.append(Piece(_end(pieces).q, target, still, still, self.held - up))
-            pieces += _ramp(_end(pieces), still, limits)
-        yield pieces, 1.0, 0.0
+            begin, end = _ramp(state.qd, state.qdd, target, limits), _ramp(target, still, still, limits)
+            held = max(0.0, self.held - float(begin.spans.sum()))
+            hold = _Ramp(still[None], still[None], np.array([held]))
+            ramps = [begin, hold, end] if held > 0 else [begin, end]
+            second, third, spans = (np.concatenate(parts) for parts in zip(*ramps, strict=True))
+        yield Beginning(_through(state.q, state.qd, second, third, spans), 1.0)
 
 
-def _ramp(state: State, target: FloatArray, limits: RateLimits) -> list[Piece]:
-    """Return the shortest change to a velocity (n,), by Δ, within shares of jerk and acceleration.
+class _Ramp(NamedTuple):
+    """A change of velocity: q″ where its pieces begin, their q‴, (K, n) each, and how long they take (K,) [s]."""
+
+    second: FloatArray
+    third: FloatArray
+    spans: FloatArray
+
+
+def _ramp(velocity: FloatArray, acceleration: FloatArray, target: FloatArray, limits: RateLimits) -> _Ramp:
+    """Return the shortest change of velocities (n,), by Δ, within shares of jerk and acceleration.
 
     In the first half h of its time it has the jerk (Δ − 1.5 h q̈)/h², in the other −q̈/h less that.
     """
     assert limits.jerk is not None
     half = _RAMPS[:, None]
-    change = target - state.qd
-    first = (change - 1.5 * half * state.qdd) / half**2
-    second = -state.qdd / half - first
-    slow = np.maximum(np.abs(first), np.abs(second)) <= _BUMP_SHARE * limits.jerk
-    slow &= np.abs(state.qdd + half * first) <= _SHARE * limits.acceleration
+    change = target - velocity
+    first = (change - 1.5 * half * acceleration) / half**2
+    last = -acceleration / half - first
+    slow = np.maximum(np.abs(first), np.abs(last)) <= _BUMP_SHARE * limits.jerk
+    slow &= np.abs(acceleration + half * first) <= _SHARE * limits.acceleration
     k = int(slow.all(axis=1).argmax())
-    one = Piece(state.q, state.qd, state.qdd, first[k], float(_RAMPS[k]))
-    return [one, Piece(*_end([one]), second[k], one.length)]
-
-
-def _end(pieces: list[Piece]) -> State:
-    """Return where pieces end: q, q′ and q″."""
-    q, rate, bend, swing, t = pieces[-1]
-    return State(q + t * (rate + t * (bend / 2 + t * swing / 6)), rate + t * (bend + t * swing / 2), bend + t * swing)
+    second = np.stack([acceleration, acceleration + _RAMPS[k] * first[k]])
+    return _Ramp(second, np.stack([first[k], last[k]]), np.full(2, _RAMPS[k]))

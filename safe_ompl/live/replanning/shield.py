@@ -29,11 +29,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
-from safe_ompl.common import InputError, SafeOmplError, finite_array
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, finite_array
 from safe_ompl.live import ReachSets
 from safe_ompl.live.replanning.bounded_path import Around, BoundedPath, SpeedLimits, averaging_window
 from safe_ompl.live.replanning.commands import Action, Command, CommandProver
-from safe_ompl.live.replanning.proposals import HARDEST, Piece, Positions, Velocity, curve_of, least_brake, proposed_cap
+from safe_ompl.live.replanning.proposals import HARDEST, Positions, Velocity, least_brake, proposed_cap
 from safe_ompl.motions import Motion, RateLimits, State
 
 _log = logging.getLogger(__name__)
@@ -94,12 +94,11 @@ class Shield(CommandProver):
         here = self.robot.configuration(q)
         if (beyond := self.robot.beyond_limits(here)) is not None:
             raise InputError(beyond, "start")
-        still = np.zeros(self.robot.n)
-        piece = Piece(here, still, still, still, 1.0)
-        self._rest = rest = self._path(curve_of([piece]))
+        still = Motion(np.array([0.0, 1.0]), np.array([[here, *np.zeros((3, self.robot.n))]]), timed=False)
+        self._rest = rest = self._path(still)
         # The first proof makes and loads what all need: here, and not within the first tick.
-        self.prover.proven_by_bounds(piece.powers[None])
-        self.prover.check_curve(piece.powers)
+        self.prover.proven_by_bounds(still.coefficients)
+        self.prover.check_curve(still.coefficients[0])
         rest.margin(rest.motion_from(0.0, 0.0, -1.0, self.tick), Around(ReachSets.none()))
         self._last, self._way = None, None
         self._proposal, self._refused = None, _NOTHING
@@ -147,8 +146,8 @@ class Shield(CommandProver):
         begin = since
         if abs(away[farthest]) > _JOINED:
             begin -= _OVER
-            first = Piece(stands, 0 * away, 6 * away / _OVER**2, -12 * away / _OVER**3, _OVER)
-            curve = curve_of([first]).then(curve)
+            over = np.array([[stands, 0 * away, 3 * away, -2 * away]])
+            curve = Motion(np.array([0.0, _OVER]), over, timed=False).then(curve)
         for k, piece in enumerate(curve.coefficients):
             verdict = self.prover.check_curve(piece)
             if verdict.verdict is not Verdict.FREE:
@@ -255,48 +254,47 @@ class Shield(CommandProver):
         state = State(q, np.zeros_like(q), np.zeros_like(q)) if last is None else last.at(time)
         why = "its joints would have to accelerate too much to join it"
         try:
-            for pieces, pace, push in proposal.curves(begin, state, self._window):
-                joined, blocked = self._joined(proposal, pieces, begin, pace, push)
+            for curve, rate, acceleration in proposal.curves(begin, state, self._window):
+                joined, blocked = self._joined(proposal, curve, begin, rate, acceleration)
                 if joined is not None:
-                    self._past = joined.path.past(0.0, pace, push) if self.limits.joints.jerk is not None else None
-                    return joined, 0.0, pace, ""
+                    smooth = self.limits.joints.jerk is not None
+                    self._past = joined.path.past(0.0, rate, acceleration) if smooth else None
+                    return joined, 0.0, rate, ""
                 why = blocked or why
         except InputError as error:
             why = str(error)
         return way, s, speed, why
 
     def _joined(
-        self, proposal: Positions | Velocity, pieces: list[Piece], begin: float, pace: float, push: float
+        self, proposal: Positions | Velocity, curve: Motion, begin: float, rate: float, acceleration: float
     ) -> tuple[_Way | None, str]:
-        """Return the way along pieces as far as they are proven; none if the robot cannot join it, and perhaps why."""
-        ends = np.cumsum([piece.length for piece in pieces])
-        length = float(ends[-1]) if isinstance(proposal, Velocity) else min(float(ends[-1]), self._window)
+        """Return the way along a curve as far as that is proven; none if the robot cannot join it, and perhaps why."""
+        length = curve.length if isinstance(proposal, Velocity) else min(curve.length, self._window)
         whole = begin + length >= proposal.duration - _SAME or isinstance(proposal, Velocity)
-        kept = zip(pieces, ends.tolist(), strict=True)
-        cut = [piece._replace(length=piece.length - max(0.0, end - length)) for piece, end in kept]
-        cut = [piece for piece in cut if piece.length > 0]
-        free = self.prover.proven_by_bounds(np.array([piece.powers for piece in cut])).tolist()
-        proven: list[Piece] = []
-        blocked = ""
-        for piece, end, known in zip(cut, ends.tolist(), free, strict=False):
-            if known:
-                proven.append(piece)
-                continue
-            for _ in range(1 + _CUTS):
-                verdict = self.prover.check_curve(piece.powers)
-                if verdict.verdict is Verdict.FREE:
-                    proven.append(piece)
-                    break
-                blocked = blocked or _blocked(verdict, f"before {begin + end:.2f} s")
-                piece = piece._replace(length=0.5 * piece.length)
-            if blocked:
+        curve = curve.part(0.0, length) if length < curve.length else curve
+        end, blocked = length, ""
+        for k in np.flatnonzero(~self.prover.proven_by_bounds(curve.coefficients)).tolist():
+            proven, verdict = self._proven_share(curve.coefficients[k])
+            if verdict is not None:
+                first, last = curve.times[k : k + 2].tolist()
+                end, blocked = first + proven * (last - first), _blocked(verdict, f"before {begin + last:.2f} s")
                 break
-        if not proven:
+        if end <= 0.0:
             return None, blocked
-        path = self._path(curve_of(proven))
-        if not path.admits(pace, push):
+        path = self._path(curve.part(0.0, end) if end < length else curve)
+        if not path.admits(rate, acceleration):
             return None, ""
         return _Way(proposal, path, begin, whole and not blocked, blocked), ""
+
+    def _proven_share(self, piece: FloatArray) -> tuple[float, MotionVerdict | None]:
+        """Return which share of a piece (4, n) is proven, by halving; and what is in the way of the rest, if any."""
+        first, share = None, 1.0
+        for _ in range(1 + _CUTS):
+            verdict = self.prover.check_curve(piece * share ** np.arange(len(piece))[:, None])
+            if verdict.verdict is Verdict.FREE:
+                return share, first
+            first, share = first or verdict, 0.5 * share
+        return 0.0, first
 
     def _path(self, curve: Motion) -> BoundedPath:
         path = BoundedPath.along(self.bodies, curve, self.limits, _CELL, proposed_cap)
