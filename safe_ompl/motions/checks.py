@@ -307,10 +307,10 @@ def _joined(stretches: list[Violation]) -> Iterator[Violation]:
     """Yield stretches of one kind that follow each other as one, with what is worst in any of them."""
 
     def depth(violation: Violation) -> float:
-        if violation.value is None or violation.limit is None:
+        if violation.value is None:
             return -np.inf
-        beyond = violation.value - violation.limit
-        return -beyond if violation.kind in DISTANCES else beyond
+        beyond = violation.value - (violation.limit or 0.0)
+        return violation.nearer - beyond if violation.kind in DISTANCES else beyond
 
     groups: list[list[Violation]] = []
     for found in stretches:

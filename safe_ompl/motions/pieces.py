@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision import MotionProver, MotionVerdict, ToolLimit, Verdict
+from safe_ompl.collision import MotionProver, MotionVerdict, ToolLimit, ToolOrientation, Verdict
 from safe_ompl.common import FloatArray, polynomials
 from safe_ompl.danger import DangerLimit
 from safe_ompl.motions.motion import Motion
@@ -66,9 +66,38 @@ class PieceProof(NamedTuple):
             yield from self.unproven(middle, high)
             return
         u = low + (0.5 if found.at is None else found.at) * (high - low)
-        kind, names, value, bound = _values(self.proof, found, self.place(u))
+        stretch = Violation("collision", self.time(low), self.time(high), self.time(u), ())
         decided = found.verdict is Verdict.BLOCKED
-        yield Violation(kind, self.time(low), self.time(high), self.time(u), names, value, bound, decided)
+        yield replace(stretch, decided=decided, **self._values(found, self.place(u)))
+
+    def _values(self, found: MotionVerdict, q: FloatArray) -> dict[str, Any]:
+        """Return what kind of violation is found at `q: (n,)`, of what, its value, and what was asked for."""
+        (name, what), checker = found.pair or ("", ""), self.proof.checker
+        robot = checker.robot
+        if what == "its limits" and name in robot.joint_names:
+            return {"kind": "position", "names": (name,), "value": float(q[robot.joint_names.index(name)])}
+        for limit in self.proof.limits:
+            if getattr(limit, "name", type(limit).__name__) == name:
+                if isinstance(limit, DangerLimit):
+                    return {"kind": "danger", "value": limit.danger(q), "limit": limit.limit}
+                if isinstance(limit, ToolOrientation):
+                    return {"kind": name, "value": limit.angle(q), "limit": limit.limit, "unit": "rad"}
+                if isinstance(limit, ToolLimit):
+                    return {"kind": name, "value": limit.excess(q), "unit": "m outside"}
+                return {"kind": name}
+        # These are the pairs that may touch, which are the first of those required.
+        distances = checker.pair_distances(q)
+        if not len(distances):
+            return {}
+        needed = self.proof.required.least[: len(distances)]
+        worst = int((distances - needed).argmin())
+        distance, least = float(distances[worst]), float(needed[worst])
+        given = {"names": checker.pair_names[worst], "value": distance}
+        if distance <= 0.0 or least <= _TOUCHING:
+            return given
+        # What the tube and the allowance of the piece add is no limit that somebody has set.
+        limit = float(replace(self.proof.separation, tube=()).required(checker).least[worst])
+        return {**given, "kind": "clearance", "limit": limit or None, "nearer": least - limit}
 
 
 def piece_proofs(motion: Motion, proof: MotionProver) -> Iterator[PieceProof]:
@@ -83,29 +112,3 @@ def piece_proofs(motion: Motion, proof: MotionProver) -> Iterator[PieceProof]:
             within[row.tobytes()] = replace(proof, separation=replace(separation, tube=tuple(row.tolist())))
         span = float(motion.times[k]), float(motion.times[k + 1])
         yield PieceProof(k, motion.coefficients[k], span, within[row.tobytes()])
-
-
-def _values(
-    proof: MotionProver, found: MotionVerdict, q: FloatArray
-) -> tuple[str, tuple[str, ...], float | None, float | None]:
-    """Return what kind of violation it is, of what, what is found at `q: (n,)`, and its bound."""
-    (name, what), robot = found.pair or ("", ""), proof.checker.robot
-    if what == "its limits" and name in robot.joint_names:
-        return "position", (name,), float(q[robot.joint_names.index(name)]), None
-    for limit in proof.limits:
-        if getattr(limit, "name", type(limit).__name__) == name:
-            if isinstance(limit, DangerLimit):
-                return "danger", (), limit.danger(q), limit.limit
-            if isinstance(limit, ToolLimit):
-                return limit.name, (), limit.excess(q), 0.0
-            return name, (), None, None
-    checker, required = proof.checker, proof.required
-    # These are the pairs that may touch, which are the first of those required.
-    distances = checker.pair_distances(q)
-    if not len(distances):
-        return "collision", (), None, None
-    least = required.least[: len(distances)]
-    worst = int((distances - least).argmin())
-    distance, bound = float(distances[worst]), float(least[worst])
-    kind = "clearance" if distance > 0.0 and bound > _TOUCHING else "collision"
-    return kind, checker.pair_names[worst], distance, bound if kind == "clearance" else 0.0

@@ -25,6 +25,8 @@ _UNITS = ("", "/s", "/s²", "/s³")
 DISTANCES = ("collision", "clearance", "separation")
 # A position may be outside of its limits by this, as for `Robot.within_limits`.
 _WITHIN = 1e-9  # [rad or m]
+# Bodies of a motion that is known to rounding may come nearer by less than this, which no message names.
+_SEEN = 1e-6  # [m]
 
 
 class Extremes(NamedTuple):
@@ -47,13 +49,15 @@ class Violation:
     last: float
     at: float  # It is worst here, of the places looked at [s]
     names: tuple[str, ...]  # The pair that touches or is too near, or the joint; the link and who comes to it
-    # What is found there, and the bound that it exceeds or falls below: distance [m] and the distance required, danger,
-    # or the rate of a joint. Of stops the distance that is left to people, negative by how much farther they may have
-    # come, and their clearance.
+    # What is found there, and the limit that was set and that it exceeds or falls below: distance [m], danger, or the
+    # rate of a joint; None where nobody set one. Of stops the distance that is left to people, negative by how much
+    # farther they may have come, and their clearance.
     value: float | None = None
     limit: float | None = None
     decided: bool = True  # False: no violation is found, but no proof either
     unit: str = ""  # Of value and limit, other than of distances
+    # By how much nearer [m] than `value` the pair may come within the tube, and where else the motion may be.
+    nearer: float = 0.0
 
     @property
     def quantities(self) -> tuple[str, str]:
@@ -72,7 +76,10 @@ class Violation:
         """Return what it is in a line; where says `at`, with its unit."""
         value, limit = self.quantities
         names = " and ".join(map(repr, self.names))
-        found, bound = f", {value}" * bool(value), f" (limit {limit})" * bool(limit)
+        found = f", {value}" * bool(value)
+        nearer = f"{1e3 * self.nearer:.4g} mm nearer where the motion may be" if self.nearer > _SEEN else ""
+        bounds = ", ".join(part for part in (limit and f"limit {limit}", nearer) if part)
+        bound = f" ({bounds})" * bool(bounds)
         kind = self.kind if self.decided else f"{self.kind} undecided"
         return f"{kind} at {at}{': ' * bool(names)}{names}{found}{bound}"
 

@@ -293,6 +293,9 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         They are numbers in the order of the robot's joints, or mappings by name, as `Robot.named` gives them. An
         InputError for a wrong shape, NaN, an unknown or missing joint, or what is outside the limits; a CollisionError
         in collision, or against a constraint. Of several goals only those that are allowed count; one must be.
+
+        A start that is slightly outside the limits begins at these, with a warning (`Robot.clipped_start`). Paths begin
+        in the turn of continuous joints that the start has; goals are the same whatever their turn.
         """
         self.query.set_configurations(start, goals)
 
@@ -501,9 +504,12 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
     def solution(self) -> FloatArray:
         """Return the solution path (N, n) found last; raise InputError if there is none.
 
-        Continuous joints count turns along it, from a start in [−π, π): no step is longer than half a turn.
+        Continuous joints count turns along it, from those of the start: no step is longer than half a turn. The start
+        of OMPL's own words is in [−π, π).
         """
-        return self.bridge.way_points(self.getSolutionPath())
+        path, start = self.bridge.way_points(self.getSolutionPath()), self.query.start
+        turns = np.zeros(self.bridge.n) if start is None else np.round((start - path[0]) / (2 * np.pi))
+        return path + 2 * np.pi * turns * self.bridge.circular
 
     def set_solution(self, path: FloatArray) -> None:
         """Put a path (N, n) in the place of the solution; where that was approximate, so is this."""

@@ -74,7 +74,7 @@ class StartAndGoals:
 
     def set_start(self, start: Any) -> None:
         """Set the start configuration (n,), numbers or by name; errors as `checked`."""
-        q = self.checked(start, "start")
+        q = self.checked(self._setup.robot.clipped_start(start, "start configuration"), "start")
         self._setup.setStartState(self._scratch.set(q))
         self._start = q
 

@@ -1,6 +1,6 @@
 from .collision import CollisionSource as CollisionSource
 from .displacement_bounds import ReachCylinder as ReachCylinder
-from .forward_kinematics import JointLimits as JointLimits, plain as plain
+from .forward_kinematics import START_TOLERANCE as START_TOLERANCE, JointLimits as JointLimits, plain as plain
 from .ik import (
     METRES_PER_RADIAN as METRES_PER_RADIAN,
     Place as Place,

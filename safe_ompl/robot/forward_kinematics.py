@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Mapping, Sequence
 from copy import copy
@@ -30,8 +31,12 @@ from safe_ompl.robot.displacement_bounds import JointChain
 from safe_ompl.robot.joints import Mimic, RobotSkeleton, frame_index
 from safe_ompl.robot.parts import RobotParts
 
+_log = logging.getLogger(__name__)
+
 _FLOAT = np.dtype(np.float64)  # compared with ==: what kernels return has an equal one
 _WITHIN = 1e-9  # [rad or m] by which a value may be outside its limits
+# A robot that stands outside its joint limits by at most this begins at the limit. MoveIt clips starts by as much.
+START_TOLERANCE = 0.05  # [rad or m]
 _LARGEST = sys.float_info.max
 _SHORTEST = 1e-9  # interval of a motion in which joints that may leave their limits are taken to leave them
 
@@ -256,6 +261,26 @@ class ForwardKinematics:
             hint = f"; degrees? {q[i]:g}° are {turned:.4g} rad" if likely and not self.prismatic[i] else ""
             return f"joint {self.joint_names[i]!r} = {value} is outside its limits [{low}, {high}]{hint}"
         return None
+
+    def clipped_start(self, q: ArrayLike | Mapping[str, float], name: str = "start") -> FloatArray:
+        """Return a start (n,) with values that are outside their limits by at most `START_TOLERANCE` brought to these.
+
+        A warning names joint, value and limit: the motion to the limit is no part of what is planned or proven. Values
+        farther outside stay as they are. Errors as `configuration`.
+        """
+        given = self.configuration(q, name)
+        nearest = np.where(self.continuous, given, np.minimum(np.maximum(given, self.lower), self.upper))
+        away = np.abs(given - nearest)
+        if (away > START_TOLERANCE).any():
+            return np.where(away > START_TOLERANCE, given, nearest)
+        for i in np.flatnonzero(away > _WITHIN):
+            value, limit = told_apart(given[i], nearest[i])
+            _log.warning(
+                "%s: joint %r = %s is outside its limit %s and clipped to it, as by at most %g; the motion there is "
+                "not proven",
+                *(name, self.joint_names[i], value, limit, START_TOLERANCE),
+            )
+        return nearest
 
     def keypoints(self, q: ArrayLike) -> FloatArray:
         """Return the key points of the skeleton (K, 3) [m] in the world frame at `q: (n,)`."""

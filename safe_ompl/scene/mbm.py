@@ -69,7 +69,7 @@ class MbmProblem:
     def _for(self, robot: Robot, key: str, values: tuple[float, ...]) -> FloatArray:
         given = dict(zip(self.joint_names, values, strict=True)) if self.joint_names else values
         with document.within(self.source):
-            return configuration_for(robot, key, given)
+            return configuration_for(robot, key, given, is_start=key == "start")
 
 
 @dataclass(frozen=True)

@@ -95,7 +95,7 @@ class Goal(Section):
         return np.array([configuration_for(robot, f"configurations[{k}]", given) for k, given in named])
 
 
-def configuration_for(robot: Robot, key: str, given: Configuration) -> FloatArray:
+def configuration_for(robot: Robot, key: str, given: Configuration, *, is_start: bool = False) -> FloatArray:
     """Return a configuration as joint values (n,) in the order of the robot's joints [rad or m].
 
     The `key` is what it is called, for errors: InputError, if it has not one value for every joint, or a value is
@@ -104,7 +104,7 @@ def configuration_for(robot: Robot, key: str, given: Configuration) -> FloatArra
     if not isinstance(given, Mapping) and len(given) != robot.n:
         names = ", ".join(robot.joint_names)
         raise InputError(f"has {len(given)} values, but the robot has {robot.n} joints to move: {names}", key)
-    q = robot.configuration(given, key)
+    q = robot.clipped_start(given, key) if is_start else robot.configuration(given, key)
     beyond = robot.beyond_limits(q)
     if beyond is not None:
         raise InputError(beyond, key)
@@ -224,9 +224,12 @@ class Scenario(Section):
             return Robot(self.robot)
 
     def start_configuration(self, robot: Robot) -> FloatArray:
-        """Return the start as joint values (n,) [rad or m]; errors as `configuration_for`."""
+        """Return the start as joint values (n,) [rad or m]; errors as `configuration_for`.
+
+        A start that is slightly outside the limits begins at these, as `Robot.clipped_start` says.
+        """
         with document.within(self._source, ": "):
-            return configuration_for(robot, "start", self.start)
+            return configuration_for(robot, "start", self.start, is_start=True)
 
     def goal_configurations(self, robot: Robot) -> FloatArray:
         """Return the goal configurations (G, n) [rad or m]; errors as `Goal.configuration_array`."""

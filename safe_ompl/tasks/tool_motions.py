@@ -15,7 +15,6 @@ from safe_ompl.common import (
     FloatArray,
     InputError,
     clock,
-    finite_array,
     instance,
     number,
     polynomials,
@@ -201,7 +200,9 @@ class ToolPlanner:
         begin, robot = clock(), self.prover.checker.robot
         rates = RateLimits.of(robot) if limits is None else limits
         wanted = None if speed is None else number("speed", speed, above=0.0)
-        begins = None if start is None else finite_array(start, (robot.n,), "start")
+        begins = None if start is None else robot.clipped_start(start)
+        if begins is not None and (beyond := robot.beyond_limits(begins)) is not None:
+            raise InputError(beyond, "start")
         search = _LadderSearch(
             ToolPath.of(path), self.prover, self.field, instance("corridor", corridor or Corridor(), Corridor)
         )

@@ -28,8 +28,10 @@ from safe_ompl import (
     Scene,
     Sphere,
     TipBounds,
+    ToolOrientation,
     Verdict,
 )
+from safe_ompl.collision import MinClearance
 from safe_ompl.motions import check, check_with, repair_with, widest_tube
 
 seeds = st.integers(0, 2**32 - 1)
@@ -144,6 +146,27 @@ def test_the_widest_tube_is_what_is_left_to_the_contact(crank, post):
     assert abs(found.violations[0].at - 1.0) < 0.1
 
 
+def test_no_limit_is_named_that_nobody_has_set(crank, post):
+    """What a tube, or samples far apart, add to a distance is not a limit; a tool's limit is the one that was set."""
+    (sampled,) = check(Motion.sampled([0, 1, 2], [[0.5], [0.51], [0.5]], 1.0), crank, post).violations
+    (tubed,) = check(Motion.through([[0.5], [0.6]]), crank, post, tube=0.25).violations
+    wide = Constraints().with_separation(min_clearance=MinClearance(0.2, ("post",), frozenset()))
+    (limited,) = check(Motion.through([[0.5], [0.6]]), crank, post, constraints=wide, tube=0.01).violations
+    for found in (sampled, tubed):
+        assert (found.kind, found.limit) == ("clearance", None)
+        assert "limit" not in str(found)
+        assert f"({1e3 * found.nearer:.4g} mm nearer where the motion may be)" in str(found)
+    assert tubed.nearer == pytest.approx(0.25 * 0.55, rel=1e-3)
+    assert limited.limit == 0.2
+    assert "(limit 200 mm, 5.5 mm nearer where the motion may be)" in str(limited)
+    (touching,) = check(Motion.through([[0.5], [0.9]]), crank, post).violations
+    assert "limit" not in str(touching)
+    upright = Constraints(tool=(ToolOrientation(crank, (1, 0, 0), (1, 0, 0), 0.7),))
+    (tilted,) = check(Motion.through([[0.5], [0.72]]), crank, Scene([]), constraints=upright).violations
+    assert (tilted.limit, tilted.unit) == (0.7, "rad")
+    assert tilted.value == pytest.approx(0.72, abs=0.01)
+
+
 def test_violations_name_time_pair_and_depth(crank, post):
     for times, proven in (([0, 0.01, 0.02], True), ([0, 1, 2], False)):  # what lies between bare samples counts
         assert bool(check(Motion.sampled(times, [[0.7], [0.705], [0.71]], 1.0), crank, post)) is proven
@@ -197,7 +220,7 @@ def test_limits_of_danger_tool_and_rates_hold_between_the_knots(crank, post):
     ):
         found = check(motion, crank, post, **asked)
         assert {v.kind for v in found.violations} == kinds
-        assert all(v.value > v.limit for v in found.violations if v.decided)
+        assert all(v.value > (v.limit or 0.0) for v in found.violations if v.decided)
     assert found.violations[0].value == pytest.approx(0.9)  # 1.5 times the mean
 
 

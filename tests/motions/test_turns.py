@@ -35,6 +35,24 @@ def passes(path, angle):
     return bool((2 * np.abs(np.sin((fine - angle) / 2)) * 0.5 < 0.1).any())
 
 
+@pytest.mark.parametrize("planner", ["SafeRRTConnect", "SafePRM", "RRTConnect"])
+@pytest.mark.parametrize("start", [4.0, -9.5, 40.0, 0.5, -np.pi, np.pi])
+def test_a_path_begins_in_the_turn_in_which_the_robot_stands(wheel, start, planner):
+    """A robot that stands at 4 rad must not be sent to -2.28 rad; by how much it turns is what any turn would need."""
+    setup, turn = SafeSetup(wheel, scene(start + np.pi)), ((start + np.pi) % (2 * np.pi)) - np.pi
+    setup.setConfigurations([start], [start + 0.9])
+    for simplify in (False, 0.1):
+        path = setup.plan(planner, time=5.0, simplify=simplify).path
+        np.testing.assert_allclose(path[[0, -1], 0], [start, start + 0.9], atol=1e-12 * (1 + abs(start)))
+        np.testing.assert_array_equal(setup.solution(), path)
+    assert setup.query.start == [start]
+    setup = SafeSetup(wheel, Scene([]))  # in OMPL's words angles are in [-π, π)
+    ends = ScratchState(setup.bridge), ScratchState(setup.bridge)
+    setup.setStartAndGoalStates(*(end.set(np.array([q])) for end, q in zip(ends, (start, start + 0.9), strict=True)))
+    assert setup.solve(5.0)
+    np.testing.assert_allclose(setup.solution()[0, 0], turn, atol=1e-12 * (1 + abs(start)))
+
+
 def states(robot, path):
     space = joint_space(robot)
     found, scratch = og.PathGeometric(ob.SpaceInformation(space)), ScratchState(StateBridge(space))

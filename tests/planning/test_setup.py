@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import re
 
 import numpy as np
 import pinocchio as pin
@@ -26,10 +27,12 @@ from safe_ompl import (
     planner_data,
     time_path,
 )
+from safe_ompl.certificates import certificate, verify
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import SafeRRTConnect, make_planner
-from safe_ompl.robot import RobotSpec, ScratchState, StateBridge
+from safe_ompl.robot import START_TOLERANCE, RobotSpec, ScratchState, StateBridge
 from safe_ompl.scene.scenario import Goal
+from safe_ompl.tasks import ToolPath, tool_motion
 
 
 @pytest.fixture
@@ -165,6 +168,63 @@ def test_configurations_that_make_no_sense(setup, which, bad, message):
 def test_arguments_that_make_no_sense(setup, call, options, message):
     with pytest.raises(InputError, match=message):
         getattr(setup, call)(**options)
+
+
+def planned_by_setup(robot, start):
+    setup = SafeSetup(robot, SCENE)
+    setup.setConfigurations(start, GOAL)
+    result = setup.plan(time=10.0, simplify=False)
+    assert verify(certificate(result.path, robot, SCENE), robot, SCENE)
+    assert setup.report(result.path).certified
+    return result.path
+
+
+def planned_by_name(robot, start):
+    setup = SafeSetup(robot, SCENE)
+    setup.setStartConfiguration(dict(zip(robot.joint_names, start, strict=True)))
+    setup.setGoalState(ScratchState(setup.bridge).set(GOAL))
+    assert setup.solve(10.0)
+    return setup.solution()
+
+
+def planned_from_a_scenario(robot, start):
+    goal = Goal(configurations=(tuple(GOAL.tolist()),))
+    asked = Scenario("slightly", robot.spec, SCENE, tuple(start.tolist()), goal)
+    return plan(asked, time=10.0, simplify=False).path
+
+
+def planned_along_a_curve(robot, start):
+    inside = np.minimum(np.maximum(start, robot.lower), robot.upper)
+    tip, end = robot.tip_pose(inside), robot.tip_pose(np.add(inside, [0.0, 0.05, 0.05, 0.0, 0.0, 0.0]))
+    found = tool_motion(ToolPath.line(tip, end), robot, Scene([]), start=start)
+    return found.along.knots
+
+
+@pytest.mark.parametrize("planned", [planned_by_setup, planned_by_name, planned_from_a_scenario, planned_along_a_curve])
+def test_a_start_slightly_outside_the_limits_begins_at_them(ur5, planned, caplog):
+    """By up to 0.05 rad, with one warning; what is proven is of the start at the limit."""
+    limit = np.nextafter(float(START[1]), 4.0)
+    robot = ur5.with_limits({"shoulder_lift_joint": (limit, 3.0)})
+    for away in (START_TOLERANCE - 1e-6, 1e-3):
+        caplog.clear()
+        start = np.where(np.arange(6) == 1, limit - away, START)
+        with caplog.at_level(logging.WARNING):
+            path = planned(robot, start)
+        assert path[0, 1] == limit
+        np.testing.assert_allclose(path[0], START, atol=1e-9)
+        (said,) = [record.message for record in caplog.records if "clipped" in record.message]
+        assert re.search(rf"start.*joint 'shoulder_lift_joint' = {start[1]:.4g}\d* is outside .* {limit:.4g}", said)
+    with pytest.raises(InputError, match=r"start: joint 'shoulder_lift_joint' = .* is outside its limits"):
+        planned(robot, np.where(np.arange(6) == 1, limit - START_TOLERANCE - 1e-6, START))
+    with pytest.raises(InputError, match="start: joint 'shoulder_pan_joint' = 9 is outside its limits"):
+        planned(robot, np.where(np.arange(6) == 0, 9.0, start))
+
+
+@pytest.mark.parametrize("away", [1e-6, 0.04])
+def test_a_goal_slightly_outside_the_limits_is_refused(ur5, away):
+    setup = SafeSetup(ur5.with_limits({"elbow_joint": (-3.0, float(GOAL[2]) - away)}), SCENE)
+    with pytest.raises(InputError, match="goal: joint 'elbow_joint' = "):
+        setup.setConfigurations(START, GOAL)
 
 
 def test_problems_without_start_or_goal_are_refused(ur5):

@@ -177,6 +177,8 @@ def cell_of(
 
     def plan(start: FloatArray, goal: Any, cloud: Obstacle | None) -> Replanner | Shield:
         seen, own = () if cloud is None else (cloud,), scenario.motion
+        # The controller says whether the joints are near enough to the commands, the first one included.
+        start = robot.clipped_start(start)
         aim = Goal(configurations=(tuple((start if isinstance(goal, Execution) else goal).tolist()),))
         asked = replace(limited, scene=still.with_obstacles(*seen), start=tuple(start.tolist()), goal=aim)
         setup = setup_scenario(asked, robot)

@@ -87,7 +87,11 @@ class Shield(CommandProver):
     # ----------------------------------------------------------------------------------------------- what is called
 
     def start(self, q: ArrayLike) -> None:
-        """Take where the robot stands (n,) [rad or m], within the joint limits; what was proposed is forgotten."""
+        """Take where the robot stands (n,) [rad or m], within the joint limits; what was proposed is forgotten.
+
+        A start outside the limits raises InputError, however near to them: the first command would jump to the limit.
+        Where the robot's controller bears that jump, give `Robot.clipped_start` of it.
+        """
         last = self._last
         if last is not None and last.action not in (Action.DONE, Action.STANDING):
             raise InputError("the robot still moves: start when it stands or is done")
