@@ -112,11 +112,14 @@ def carried(content: Mapping[str, Any]) -> tuple[Robot, Scene]:
 
 
 class Motion:
-    """The motion in time that a certificate holds: a law, or the average of one over a window, on cubic pieces."""
+    """The motion in time that a certificate holds: a law, or the average of one over a window, on polynomials."""
 
     def __init__(self, claim: Mapping[str, Any]) -> None:
-        self.pieces = claim["pieces"]
-        self.starts = np.concatenate([[0.0], np.cumsum([piece["length"] for piece in self.pieces])])
+        self.starts = np.array(claim["times"], dtype=float)
+        self.pieces = [
+            [np.polynomial.Polynomial(column, [begin, end], [0.0, 1.0]) for column in np.transpose(piece).astype(float)]
+            for (begin, end), piece in zip(pairwise(self.starts.tolist()), claim["coefficients"], strict=True)
+        ]
         self.edges = np.array(claim["edges"], dtype=float)
         self.window = float(claim.get("window") or 0.0)
         corners = [self.starts[k] for k in claim["corners"]] if self.window else []
@@ -153,9 +156,8 @@ class Motion:
     def place(self, s: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return q, q′, q″ and q‴ at an arc length."""
         k = min(max(int(np.searchsorted(self.starts, s, side="right")) - 1, 0), len(self.pieces) - 1)
-        piece, x = self.pieces[k], s - self.starts[k]
-        q, p, b, c = (np.array(piece[key], dtype=float) for key in ("start", "slope", "bend", "swing"))
-        return q + x * (p + x * (b / 2 + x * c / 6)), p + x * (b + x * c / 2), b + x * c, c
+        q, p, b, c = (np.array([joint.deriv(order)(s) for joint in self.pieces[k]]) for order in range(4))
+        return q, p, b, c
 
     def stop(self, begin: float, brakes: list[float]) -> list[tuple[float, float, float, float]]:
         """Return time, s, ṡ and s̈ of a stop that begins at a time, at its start and often until it stands."""
@@ -218,18 +220,19 @@ class Judge:
         about = f", for the {' and the '.join(own)} that the file itself carries" if own else None
         if said["free"][0] != about:
             return False
-        if "motion" not in said or not self._polynomials(said, content):
+        (stretch,) = content["stretches"]
+        if "motion" not in said or not self._polynomials(said, stretch["motion"]):
             return False
         if "timed" not in said:
             return True
-        motion, q = Motion(content["trajectory"]), samples(content["motion"], 0)
+        motion, q = Motion(stretch["trajectory"]), samples(stretch["motion"], 0)
         whole = np.linspace(0, motion.duration, INSTANTS)
         curve = np.array([motion.place(motion.law(x)[0])[0] for x in whole])
         gaps = (self.robot.difference(curve[k], q[k]) for k in (0, -1))
         if max(float(np.abs(gap).max()) for gap in gaps) > ROUNDING:
             return False
         within = self.robot.continuous | ((curve > self.robot.lower - 1e-8) & (curve < self.robot.upper + 1e-8))
-        return bool(within.all()) and self._still(said, curve) and self._timed(said, motion, content["trajectory"])
+        return bool(within.all()) and self._still(said, curve) and self._timed(said, motion, stretch["trajectory"])
 
     def _off(
         self, said: Mapping[str, tuple[Any, ...]], dense: FloatArray, slack: FloatArray | float = 0.0
@@ -241,8 +244,8 @@ class Judge:
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (3, *dense.shape))
         return np.concatenate([dense, *(dense + signs * widths)])
 
-    def _polynomials(self, said: Mapping[str, tuple[Any, ...]], content: Mapping[str, Any]) -> bool:
-        claim, (count, duration, within) = content["motion"], said["motion"]
+    def _polynomials(self, said: Mapping[str, tuple[Any, ...]], claim: Mapping[str, Any]) -> bool:
+        count, duration, within = said["motion"]
         times = np.array(claim["times"], dtype=float)
         q, asked = samples(claim, 0), self.terms
         if int(count) != len(times) - 1:

@@ -1,4 +1,4 @@
-from .claims import PROGRAM_FORMAT as PROGRAM_FORMAT, ProgramCertificate as ProgramCertificate
+from .claims import Certificate as Certificate
 from .issue import (
     Claims as Claims,
     certificate as certificate,
@@ -7,5 +7,5 @@ from .issue import (
     program_certificate as program_certificate,
     terms_of as terms_of,
 )
-from .verifier.program import RecordedCell as RecordedCell, verify_program as verify_program
+from .verifier.program import RecordedCell as RecordedCell
 from .verifier.verify import TIME as TIME, Verified as Verified, verify as verify

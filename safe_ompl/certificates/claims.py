@@ -6,7 +6,8 @@ nothing can be said that was not proven. A number in a sentence is never rounded
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from math import degrees, pi
@@ -16,11 +17,13 @@ import numpy as np
 
 from safe_ompl.common import (
     RATE_BOUNDS,
+    CertificateError,
     FloatArray,
     InputError,
     Section,
     UnknownNameError,
     documents as document,
+    files,
     key,
     shown,
 )
@@ -32,7 +35,17 @@ _SHORTEST, _LONGEST = 0.1, 10.0  # vectors that say a direction
 _UNBOUNDED = 1e300  # [m]
 _MOST_POWERS = 16  # of a polynomial
 _DIGITS = 6
-PROGRAM_FORMAT, PROGRAM_VERSION = "safe-ompl program certificate", 2
+
+
+@contextmanager
+def malformed_refused() -> Iterator[None]:
+    """Turn whatever else a malformed certificate brings about into CertificateError."""
+    try:
+        yield
+    except files.MALFORMED as error:
+        if isinstance(error, InputError):
+            raise
+        raise CertificateError(f"it is malformed: {type(error).__name__}: {error}") from None
 
 
 def exact(value: float) -> str:
@@ -226,44 +239,111 @@ def _rates(claim: Any) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Piece(Section):
-    """A cubic in joint space: what it and its derivatives are where it begins, and its length."""
+class ClaimedMotion(Section):
+    """Polynomials one after another, q = Σ_k c_k u^k with u from 0 to 1 on each, and what may lie about them.
 
-    start: FloatArray = key(document.array)
-    slope: FloatArray = key(document.array)
-    bend: FloatArray = key(document.array)
-    swing: FloatArray = key(document.array)
-    length: float = key(document.number, above=0.0)
+    `times` are seconds of a motion in time, and else the parameter of a path.
+    """
+
+    times: FloatArray = key(document.array)
+    coefficients: tuple[FloatArray, ...] = key(document.each, read=document.array, ndim=2, least="piece")
+    timed: bool = key(document.flag)
+    slack: FloatArray | None = key(document.array, default=None, ndim=2)
+    rounding: FloatArray | None = key(document.array, default=None, ndim=2)
+    velocity: FloatArray | None = key(document.array, default=None)
+    acceleration: FloatArray | None = key(document.array, default=None)
+    jerk: FloatArray | None = key(document.array, default=None)
+
+    @property
+    def rated(self) -> bool:
+        """Whether its velocities are known at every instant."""
+        return self.timed and self.slack is None
+
+    def check_for(self, robot: Robot, scene: Scene) -> None:
+        """Raise InputError unless it is a motion of the robot, and its claims have a meaning for robot and scene."""
+        count, n = len(self.coefficients), robot.n
+        if len(self.times) != count + 1 or not (np.diff(self.times) > 0).all():
+            raise InputError(f"must be {count + 1} numbers that increase", "times")
+        for k, piece in enumerate(self.coefficients):
+            if not (2 <= len(piece) <= _MOST_POWERS and piece.shape[1] == n):
+                words = f"must be 2 to {_MOST_POWERS} rows of {n} numbers, got shape {piece.shape}"
+                raise InputError(words, f"coefficients[{k}]")
+        for name in ("slack", "rounding"):
+            widths = getattr(self, name)
+            if widths is not None and not (widths.shape == (count, n) and (widths >= 0).all()):
+                raise InputError(f"must be {count} rows of {n} numbers >= 0", name)
+        _check_rates(self, robot)
+        claimed = [getattr(self, name) is not None for name in RATES]
+        if claimed != sorted(claimed, reverse=True):
+            raise InputError("needs velocities, and a jerk accelerations besides", "acceleration")
+        if claimed[0] and not self.rated:
+            raise InputError("needs a motion in time, without slack", "velocity")
+
+    @property
+    def lasts(self) -> float | None:
+        """How long it takes [s]; None for a path."""
+        return float(self.times[-1] - self.times[0]) if self.timed else None
+
+    @property
+    def sentences(self) -> list[str]:
+        count = len(self.coefficients)
+        kind = "straight edges" if all(len(piece) == 2 for piece in self.coefficients) else "polynomials"
+        said = [
+            f"a path of {count} {kind}" if self.lasts is None else f"a motion of {count} {kind} in {self.lasts:.3f} s"
+        ]
+        if self.slack is not None:
+            least = ", ".join(map(at_least, self.slack.min(axis=0)))
+            said[0] += f", and whatever is within ({least}) [rad or m] of them"
+        said += [] if self.velocity is None else [_rates(self)]
+        return said
+
+    @property
+    def not_claimed(self) -> list[str]:
+        """What could be said of it, and is not."""
+        return [name for name in RATES if self.timed and getattr(self, name) is None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClaimedTrajectory(Section):
-    """The path in time: its curve, its time law or the plan that is averaged over a window, and its limits."""
+class ClaimedTrajectory(ClaimedMotion):
+    """A curve by its parameter s, and the time law by which it is driven.
 
-    pieces: tuple[Piece, ...] = key(document.each, read=document.section, kind=Piece, least="piece")
+    At the values `edges` of s, ṡ² is `squares`: of the law, or of the plan that is averaged over a `window` [s]. At the
+    `corners`, which are numbers of pieces that begin there, the robot stands.
+    """
+
     corners: tuple[int, ...] = key(document.each, read=document.whole_number, at_least=0)
     edges: FloatArray = key(document.array)
     squares: FloatArray = key(document.array)
     duration: float = key(document.number, above=0.0)
-    velocity: FloatArray = key(document.array)
-    acceleration: FloatArray = key(document.array)
-    stops: ClaimedStops | None = key(document.section, default=None, kind=ClaimedStops)
     window: float | None = key(document.number, default=None, above=0.0)
-    jerk: FloatArray | None = key(document.array, default=None)
     tool_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])
     link_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])
+    stops: ClaimedStops | None = key(document.section, default=None, kind=ClaimedStops)
     danger: ClaimedMovingDanger | None = key(document.section, default=None, kind=ClaimedMovingDanger)
 
+    @property
+    def rated(self) -> bool:
+        """Whether its velocities are known at every instant: by the time law."""
+        return True
+
     def check_for(self, robot: Robot, scene: Scene) -> None:
-        """Raise InputError unless the claims have a meaning for robot and scene."""
-        with document.within("trajectory"):
-            _check_rates(self, robot)
-            for k, piece in enumerate(self.pieces):
-                vectors = piece.start, piece.slope, piece.bend, piece.swing
-                if not all(vector.shape == (robot.n,) for vector in vectors):
-                    raise InputError(f"must have vectors of {robot.n} numbers", f"pieces[{k}]")
-            if self.stops is not None:
-                self.stops.check_for(scene)
+        """Raise InputError unless it is a motion of the robot, and its claims have a meaning for robot and scene."""
+        super().check_for(robot, scene)
+        if self.timed:
+            raise InputError("must be false: times are those of the time law", "timed")
+        for name in ("slack", "rounding"):
+            if getattr(self, name) is not None:
+                raise InputError("must be none where there is a time law", name)
+        for name in ("velocity", "acceleration"):
+            if getattr(self, name) is None:
+                raise InputError("missing", name)
+        if self.stops is not None:
+            self.stops.check_for(scene)
+
+    @property
+    def lasts(self) -> float:
+        """How long it takes [s]."""
+        return self.duration
 
     @property
     def sentences(self) -> list[str]:
@@ -283,67 +363,30 @@ class ClaimedTrajectory(Section):
         return [said for name, said in names.items() if getattr(self, name) is None]
 
 
+# ------------------------------------------------------------------------------------------------------- stretches
+
+
 @dataclass(frozen=True, kw_only=True)
-class ClaimedMotion(Section):
-    """Polynomials one after another, q(t) = Σ_k c_k u^k with u from 0 to 1 on each, and what may lie about them."""
+class ClaimedContact(Section):
+    """Links, or objects that are held, may touch an obstacle, or an object that is held, to a depth [m]."""
 
-    times: FloatArray = key(document.array)
-    coefficients: tuple[FloatArray, ...] = key(document.each, read=document.array, ndim=2, least="piece")
-    timed: bool = key(document.flag)
-    slack: FloatArray | None = key(document.array, default=None, ndim=2)
-    rounding: FloatArray | None = key(document.array, default=None, ndim=2)
-    velocity: FloatArray | None = key(document.array, default=None)
-    acceleration: FloatArray | None = key(document.array, default=None)
-    jerk: FloatArray | None = key(document.array, default=None)
-
-    def check_for(self, robot: Robot) -> None:
-        """Raise InputError unless it is a motion of the robot, and its claims have a meaning for it."""
-        count, n = len(self.coefficients), robot.n
-        with document.within("motion"):
-            if len(self.times) != count + 1 or not (np.diff(self.times) > 0).all():
-                raise InputError(f"must be {count + 1} numbers that increase", "times")
-            for k, piece in enumerate(self.coefficients):
-                if not (2 <= len(piece) <= _MOST_POWERS and piece.shape[1] == n):
-                    words = f"must be 2 to {_MOST_POWERS} rows of {n} numbers, got shape {piece.shape}"
-                    raise InputError(words, f"coefficients[{k}]")
-            for name in ("slack", "rounding"):
-                widths = getattr(self, name)
-                if widths is not None and not (widths.shape == (count, n) and (widths >= 0).all()):
-                    raise InputError(f"must be {count} rows of {n} numbers >= 0", name)
-            _check_rates(self, robot)
-            claimed = [getattr(self, name) is not None for name in RATES]
-            if claimed != sorted(claimed, reverse=True):
-                raise InputError("needs velocities, and a jerk accelerations besides", "acceleration")
-            if claimed[0] and not (self.timed and self.slack is None):
-                raise InputError("needs a motion in time, without slack", "velocity")
-
-    @property
-    def ends(self) -> tuple[FloatArray, FloatArray]:
-        """Where it begins and ends (n,)."""
-        return self.coefficients[0][0], self.coefficients[-1].sum(axis=0)
-
-    @property
-    def sentences(self) -> list[str]:
-        count, lasts = len(self.coefficients), float(self.times[-1] - self.times[0])
-        kind = "straight edges" if all(len(piece) == 2 for piece in self.coefficients) else "polynomials"
-        said = [f"a motion of {count} {kind} in {lasts:.3f} s" if self.timed else f"a path of {count} {kind}"]
-        if self.slack is not None:
-            least = ", ".join(map(at_least, self.slack.min(axis=0)))
-            said[0] += f", and whatever is within ({least}) [rad or m] of them"
-        said += [] if self.velocity is None else [_rates(self)]
-        return said
-
-    @property
-    def not_claimed(self) -> list[str]:
-        """What could be said of it, and is not."""
-        return [name for name in RATES if self.timed and getattr(self, name) is None]
+    links: tuple[str, ...] = key(document.each, read=document.line, least="link")
+    object: str = key(document.line)
+    depth: float = key(document.number, above=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimedStretch(Section):
-    """What is claimed of one motion."""
+    """One motion with what is claimed of it, what changes hands before it, and what may touch on it."""
 
     motion: ClaimedMotion = key(document.section, kind=ClaimedMotion)
+    # What the stretch is for, in words. The verifier neither reads nor prints it.
+    step: str = key(document.line, default="")
+    # The objects that are put down before the stretch.
+    detach: tuple[str, ...] = key(document.each, default=(), read=document.line)
+    # The objects that are taken before the stretch, with the tip that takes each.
+    attach: Mapping[str, str] = key(document.by_name, factory=dict, read=document.line)
+    contacts: tuple[ClaimedContact, ...] = key(document.each, default=(), read=document.section, kind=ClaimedContact)
     clearance: ClaimedClearance | None = key(document.section, default=None, kind=ClaimedClearance)
     danger: ClaimedDanger | None = key(document.section, default=None, kind=ClaimedDanger)
     moving_obstacles: ClaimedObstacles | None = key(document.section, default=None, kind=ClaimedObstacles)
@@ -363,11 +406,13 @@ class ClaimedStretch(Section):
         near |= {} if self.margin is None else {"margin": scene.names}
         for place, name in ((place, name) for place, names in near.items() for name in touched & {*names}):
             raise InputError(f"{name!r} may be touched: nothing keeps a distance from it", place)
-        self.motion.check_for(robot)
+        with document.within("motion"):
+            self.motion.check_for(robot, scene)
         if self.tube is not None and not (self.tube.shape == (robot.n,) and (self.tube >= 0).all()):
             raise InputError(f"must be {robot.n} numbers >= 0, got {self.tube.tolist()}", "tube")
         if self.trajectory is not None:
-            self.trajectory.check_for(robot, scene)
+            with document.within("trajectory"):
+                self.trajectory.check_for(robot, scene)
             if self.tube is not None:
                 raise InputError("is claimed of paths and polynomials, and not of a trajectory", "tube")
             if self.motion.timed:
@@ -379,11 +424,16 @@ class ClaimedStretch(Section):
         moves = 0.0 if self.moving_obstacles is None else self.moving_obstacles.of(obstacle)
         return max(clear, self.margin or 0.0) + moves
 
-    def sentences(self, about: str) -> tuple[str, ...]:
-        """Return what is claimed, in words, of which each is complete in itself; first what the motions are free of."""
+    @property
+    def lasts(self) -> float | None:
+        """How long it takes [s]; None for a path."""
+        return (self.trajectory or self.motion).lasts
+
+    @property
+    def sentences(self) -> list[str]:
+        """What is claimed besides that it is free, in words, of which each is complete in itself."""
         moving = self.moving_obstacles
-        said = [f"every motion is free{about}"]
-        said += [] if self.danger is None else [self.danger.sentence(moving=moving is not None)]
+        said = [] if self.danger is None else [self.danger.sentence(moving=moving is not None)]
         said += [] if self.clearance is None else [self.clearance.sentence]
         if self.margin is not None:
             said.append(f"no moving link nearer than {at_least(1e3 * self.margin)} mm to any obstacle")
@@ -391,20 +441,19 @@ class ClaimedStretch(Section):
         said += [] if self.tool is None else self.tool.sentences
         if self.tube is not None:
             said.append(f"the same with joints off by up to ({', '.join(map(at_least, self.tube))}) [rad or m]")
-        said += self.motion.sentences
-        return (*said, *([] if self.trajectory is None else self.trajectory.sentences))
+        return [*said, *self.motion.sentences, *([] if self.trajectory is None else self.trajectory.sentences)]
 
     @property
-    def not_claimed(self) -> tuple[str, ...]:
+    def not_claimed(self) -> list[str]:
         """What could be claimed, but is not; of time only where the path is timed."""
         names = ("clearance", "danger", "moving_obstacles", "tool", "tube")
         missing = [name.replace("_", " ") for name in names if getattr(self, name) is None]
-        return (*missing, *self.motion.not_claimed, *([] if self.trajectory is None else self.trajectory.not_claimed))
+        return [*missing, *self.motion.not_claimed, *([] if self.trajectory is None else self.trajectory.not_claimed)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Certificate(ClaimedStretch):
-    """All that the certificate of one motion says."""
+class Certificate(Section):
+    """All that a certificate says: the robot and the scene that it begins with, and its stretches, one or more."""
 
     format: str = key(document.one_of, known=[schema.FORMAT])
     version: int = key(document.one_of, known=[schema.VERSION])
@@ -413,63 +462,84 @@ class Certificate(ClaimedStretch):
     robot: RobotDocument = key(document.section, kind=RobotDocument)
     scene: SceneDocument = key(document.section, kind=SceneDocument)
     joint_names: tuple[str, ...] = key(document.each, read=document.line)
+    stretches: tuple[ClaimedStretch, ...] = key(
+        document.each, read=document.section, kind=ClaimedStretch, least="stretch"
+    )
     also_sampled: str | None = key(document.line, default=None)
     digest: str = key(document.sha)
 
     @classmethod
     def read(cls, content: Any) -> Certificate:
-        """Read a certificate from plain data; raise InputError, naming the key, if anything in it has no place."""
+        """Read a certificate from plain data.
+
+        Raises InputError, naming the key, if anything in it has no place; CertificateError if it is malformed.
+        """
         schema.check_form(content)
-        found: Certificate = document.section("certificate", content, cls)
+        with malformed_refused():
+            found: Certificate = document.section("certificate", content, cls)
         return found
 
+    @property
+    def rated(self) -> bool:
+        """Whether limits of joint velocities are claimed."""
+        return any((one.trajectory or one.motion).velocity is not None for one in self.stretches)
 
-# ------------------------------------------------------------------------------------------------------- programs
+    def sentences(self, about: str) -> tuple[str, ...]:
+        """Return what is claimed, in words; first what the motions are free of. Of stretches what holds of all."""
+        first, *others = (stretch.sentences for stretch in self.stretches)
+        if not others:
+            return (f"every motion is free{about}", *self._handling, *first)
+        spans = [stretch.lasts for stretch in self.stretches if stretch.lasts is not None]
+        whole = len(spans) == len(self.stretches)
+        joined = "they are one motion" if spans else "they are one path"
+        if whole:
+            joined += f" of {sum(spans):.3f} s, without jumps of velocity"
+        elif spans:
+            joined += f", {len(self.stretches) - len(spans)} stretches of which are not in time"
+        # How long a stretch takes, and how many pieces it has, says nothing of the others.
+        own = {one.sentences[0] for stretch in self.stretches for one in (stretch.motion, stretch.trajectory) if one}
+        common = (claim for claim in first if claim not in own and all(claim in one for one in others))
+        return (f"every motion of {len(self.stretches)} stretches is free{about}", joined, *self._handling, *common)
 
+    @property
+    def _handling(self) -> list[str]:
+        """What is held and what may touch, and on which stretches."""
+        holds: dict[tuple[str, str], list[int]] = {}
+        touch: dict[tuple[tuple[str, ...], str, float], list[int]] = {}
+        held: dict[str, str] = {}
+        for k, stretch in enumerate(self.stretches):
+            held = {name: link for name, link in held.items() if name not in stretch.detach} | dict(stretch.attach)
+            for name, link in held.items():
+                holds.setdefault((name, link), []).append(k)
+            for contact in stretch.contacts:
+                touch.setdefault((contact.links, contact.object, contact.depth), []).append(k)
+        said = [f"{link} holds {name}, where it took it{self._on(k)}" for (name, link), k in holds.items()]
+        for (links, name, depth), numbers in touch.items():
+            deep = f"no deeper than {at_most(1e3 * depth)} mm"
+            said.append(f"{' and '.join(links)} may touch {name}, {deep}{self._on(numbers)}")
+        if touch:
+            said.append("nothing else touches, but what is held and the links that do not move against its tip")
+        return said
 
-@dataclass(frozen=True, kw_only=True)
-class ClaimedContact(Section):
-    """Links, or objects that are held, may touch an obstacle, or an object that is held, to a depth [m]."""
+    def _on(self, numbers: Sequence[int]) -> str:
+        """Return on which stretches by their numbers, which are in order, neighbours as a range."""
+        if len(self.stretches) == 1:
+            return ""
+        runs: list[list[int]] = []
+        for k in numbers:
+            if runs and runs[-1][-1] == k - 1:
+                runs[-1].append(k)
+            else:
+                runs.append([k])
+        named = (str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs)
+        return f", in {'stretch' if len(numbers) == 1 else 'stretches'} {', '.join(named)}"
 
-    links: tuple[str, ...] = key(document.each, read=document.line, least="link")
-    object: str = key(document.line)
-    depth: float = key(document.number, above=0.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class StretchClaims(ClaimedStretch):
-    """One stretch of a program: what changes hands before it, what may touch on it, its motion, what is claimed."""
-
-    # The step in words. The verifier neither reads nor prints it.
-    step: str = key(document.line, default="")
-    # The objects that are put down before the stretch.
-    detach: tuple[str, ...] = key(document.each, default=(), read=document.line)
-    # The objects that are taken before the stretch, with the tip that takes each.
-    attach: Mapping[str, str] = key(document.by_name, factory=dict, read=document.line)
-    contacts: tuple[ClaimedContact, ...] = key(document.each, default=(), read=document.section, kind=ClaimedContact)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProgramCertificate(Section):
-    """All that the certificate of a program says: the robot and the scene that it begins with, and its stretches."""
-
-    format: str = key(document.one_of, known=[PROGRAM_FORMAT])
-    version: int = key(document.one_of, known=[PROGRAM_VERSION])
-    source: Any = key(document.plain)
-    robot: RobotDocument = key(document.section, kind=RobotDocument)
-    scene: SceneDocument = key(document.section, kind=SceneDocument)
-    joint_names: tuple[str, ...] = key(document.each, read=document.line)
-    stretches: tuple[StretchClaims, ...] = key(
-        document.each, read=document.section, kind=StretchClaims, least="stretch"
-    )
-    digest: str = key(document.sha)
-
-    @classmethod
-    def read(cls, content: Any) -> ProgramCertificate:
-        """Read a certificate from plain data; raise InputError, naming the key, if anything in it has no place."""
-        schema.check_form(content, PROGRAM_FORMAT, PROGRAM_VERSION)
-        found: ProgramCertificate = document.section("certificate", content, cls)
-        return found
+    @property
+    def not_claimed(self) -> tuple[str, ...]:
+        """What could be claimed of some stretch, and is not; of several ones a path has no rates to claim."""
+        several = len(self.stretches) > 1
+        missing = [[*one.not_claimed, *(RATES if several and one.lasts is None else ())] for one in self.stretches]
+        return tuple(dict.fromkeys(name for names in missing for name in names))
 
 
 def _check_known(place: str, kind: str, names: Iterable[str], known: Iterable[str]) -> None:

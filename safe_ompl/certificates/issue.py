@@ -1,8 +1,9 @@
 """Issues certificates: motions with the proof that they may be driven, which anyone can check (`verify`).
 
-A certificate has a motion of polynomials, of which a path is one with straight pieces, and what is claimed of it; the
-verifier divides the pieces until the claims are proven. Each is verified before it is handed out. The digest shows that
-a file has changed; it is no signature, for whoever changes a file can compute it.
+A certificate has stretches, of which a single motion is one. Each has a motion of polynomials, of which a path is one
+with straight pieces, what is claimed of it, and what changes hands before it; the verifier divides the pieces until the
+claims are proven. Each certificate is verified before it is handed out. The digest shows that a file has changed; it is
+no signature, for whoever changes a file can compute it.
 """
 
 from __future__ import annotations
@@ -16,16 +17,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.certificates.claims import (
-    PROGRAM_FORMAT,
-    PROGRAM_VERSION,
-    Certificate,
-    ClaimedClearance,
-    ClaimedObstacles,
-    ClaimedTool,
-    StretchClaims,
-)
-from safe_ompl.certificates.verifier.program import RecordedCell, verify_program
+from safe_ompl.certificates.claims import Certificate, ClaimedClearance, ClaimedObstacles, ClaimedStretch, ClaimedTool
+from safe_ompl.certificates.verifier.program import RecordedCell
 from safe_ompl.certificates.verifier.verify import Terms, verify
 from safe_ompl.collision import (
     CollisionChecker,
@@ -56,7 +49,9 @@ _WIDER, _TRIALS = 1.1, 50  # bounds of the danger within a tube
 _KIND = ("aggregate", "weighting", "k1", "sharpness")  # of a danger
 _IN_MOTION = ("k2", "gamma")  # what that of a motion in time has besides
 _LEAST_SLACK = 0.03  # of the danger that is claimed, so that it can be confirmed by plain means
-_OF_MOTION = ("times", "coefficients", "timed", "slack", "rounding")
+_OF_STRETCH = ("clearance", "moving_obstacles", "tool", "tube")  # of `Claims`
+_OF_CURVE = ("times", "coefficients", "timed")
+_OF_MOTION = (*_OF_CURVE, "slack", "rounding")
 # Stretches follow each other if their times differ by no more than sums of durations are rounded.
 _SAME_TIME = 1e-6  # [s]
 # Objects are in the same place if they are no farther apart than forward kinematics is rounded. The certificate holds
@@ -146,14 +141,15 @@ def certificate(
     wanted: Claims = document.section("claims", claims, Claims)
     motion = Motion.through(points).for_robot(robot)
     spacing = wanted.spacing or scene.spacing
-    said = {name: value for name, value in wanted.to_mapping().items() if name not in ("spacing", "max_danger")}
+    said = {name: value for name, value in wanted.to_mapping().items() if name in _OF_STRETCH}
     if field is not None:
         proof = None
         if wanted.tube is not None:
             tube = Separation(tube=tuple(finite_array(wanted.tube, (robot.n,), "tube").tolist()))
             proof = MotionProver(CollisionChecker(robot, scene), separation=tube)
         said["danger"] = _danger_claim(field, spacing, motion.knots, wanted.max_danger, proof)
-    found = _issued(said, motion, robot, scene, source)
+    whole = {"also_sampled": wanted.also_sampled}
+    found = _issued([_stretch(said, motion)], robot, scene, source, **whole)
     if trajectory is None:
         return found
     timed = trajectory_claim(trajectory, scene)
@@ -161,33 +157,36 @@ def certificate(
     if moving_field is not None:
         danger = moving_danger_claim(trajectory, moving_field, spacing, scene)
         timed |= {} if danger is None else {"danger": danger}
-    found = signed({**found, "trajectory": timed})
-    Certificate.read(found).check_for(robot, scene)
+    found = signed({**found, "stretches": [{**found["stretches"][0], "trajectory": timed}]})
+    Certificate.read(found).stretches[0].check_for(robot, scene)
     return found
 
 
 def _issued(
-    said: Mapping[str, Any], motion: Motion, robot: Robot, scene: Scene, source: Mapping[str, Any] | None
+    stretches: Sequence[Mapping[str, Any]], robot: Robot, scene: Scene, source: Mapping[str, Any] | None, **more: Any
 ) -> dict[str, Any]:
-    """Return the certificate of a motion; raise PlanningError unless the verifier proves what is said of it."""
-    found = signed({**_carried(schema.FORMAT, schema.VERSION, robot, scene, source), **_stretch(said, motion)})
-    try:
-        verify(found, robot, scene)
-    except CertificateError as error:
-        raise PlanningError(f"it cannot be certified by plain means: {error}") from None
-    return found
-
-
-def _carried(form: str, version: int, robot: Robot, scene: Scene, source: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return what every certificate has: what it is about."""
-    return {
-        "format": form,
-        "version": version,
+    """Return the certificate of stretches; raise PlanningError unless the verifier proves what is said of them."""
+    content = {
+        "format": schema.FORMAT,
+        "version": schema.VERSION,
         "source": source or {},
         "robot": carried_robot(robot),
         "scene": carried_scene(scene),
         "joint_names": list(robot.joint_names),
+        "stretches": stretches,
+        **more,
     }
+    found = signed(content)
+    try:
+        verify(found, robot, scene)
+    except CertificateError as error:
+        what = (
+            "the stretches are proven, but cannot be certified as one program"
+            if len(stretches) > 1
+            else "it cannot be certified by plain means"
+        )
+        raise PlanningError(f"{what}: {error}") from None
+    return found
 
 
 def _stretch(said: Mapping[str, Any], motion: Motion) -> dict[str, Any]:
@@ -237,8 +236,6 @@ def _kind(field: DangerField, spacing: float, *more: str) -> dict[str, Any]:
 def trajectory_claim(trajectory: Trajectory, scene: Scene) -> dict[str, Any]:
     """Return the claim of a trajectory in plain numbers; what is claimed of its danger comes from `danger_claim`."""
     curve, law, jerk = trajectory.curve, trajectory.law, trajectory.limits.jerk
-    begins = curve.places(curve.times[:-1], np.arange(curve.pieces))
-    pieces = zip(*begins, np.diff(curve.times).tolist(), strict=True)
     more: dict[str, Any] = {"tool_speed": trajectory.tool_speed, "link_speed": trajectory.link_speed}
     if isinstance(law, SmoothLaw) and jerk is not None:
         more |= {"window": law.window, "jerk": jerk.tolist()}
@@ -246,7 +243,7 @@ def trajectory_claim(trajectory: Trajectory, scene: Scene) -> dict[str, Any]:
     if trajectory.people is not None and trajectory.brakes is not None:
         stops = {**_people(trajectory.people, scene), "brakes": trajectory.brakes.tolist()}
     return {
-        "pieces": [dict(zip(("start", "slope", "bend", "swing", "length"), piece, strict=True)) for piece in pieces],
+        **{key: value for key, value in curve.to_mapping().items() if key in _OF_CURVE},
         "corners": list(curve.corners),
         "edges": law.edges.tolist(),
         "squares": (law.plan_squares if isinstance(law, SmoothLaw) else law.squares).tolist(),
@@ -310,7 +307,7 @@ def motion_certificate(
         If a limit of it has no claim, as stops beside people, or its danger points are not the scene's.
     """
     said = _claims_of(check, spacing)
-    return _issued(said, check.motion, check.proof.checker.robot, check.proof.checker.scene, source)
+    return _issued([_stretch(said, check.motion)], check.proof.checker.robot, check.proof.checker.scene, source)
 
 
 def _claims_of(check: MotionCheck, spacing: float | None = None) -> dict[str, Any]:
@@ -400,16 +397,10 @@ def program_certificate(
             end = start + check.motion.duration
             claims = {**_claims_of(check), **({"step": steps[k]} if steps else {}), **_changes(cell, check)}
             said.append(_stretch(claims, check.motion))
-            stretch: StretchClaims = document.section("claims", schema.as_plain(said[-1]), StretchClaims)
+            stretch: ClaimedStretch = document.section("claims", schema.as_plain(said[-1]), ClaimedStretch)
             cell.change(stretch, check.motion.knots[0])
             _check_same(*cell.during(stretch.contacts), check, k)
-    content = _carried(PROGRAM_FORMAT, PROGRAM_VERSION, robot, scene, source)
-    found = signed({**content, "stretches": said})
-    try:
-        verify_program(found, robot, scene)
-    except CertificateError as error:
-        raise PlanningError(f"the stretches are proven, but cannot be certified as one program: {error}") from None
-    return found
+    return _issued(said, robot, scene, source)
 
 
 def _changes(cell: RecordedCell, check: MotionCheck) -> dict[str, Any]:
@@ -460,13 +451,14 @@ def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
     is claimed.
     """
     scene, motion, people = scenario.scene, scenario.motion, scenario.people
+    steps = () if scenario.program is None else scenario.program.steps
     danger: dict[str, Any] = {}
     if any(obstacle.weight > 0 for obstacle in scene):
         options = dict(scenario.danger)
         spacing = options.pop("spacing", scene.spacing)
         danger = _kind(DangerField(robot, [[0.0, 0.0, 0.0]], **options), spacing, *_IN_MOTION)
     if not timed:
-        return Terms(danger=danger)
+        return Terms(danger=danger, steps=steps)
     limits = RateLimits.of(robot, motion.velocity, motion.acceleration, motion.jerk)
     return Terms(
         danger=danger,
@@ -476,5 +468,5 @@ def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
         },
         max_danger=motion.max_danger,
         stops={} if people is None else _people(people, scene),
-        program=scenario.program,
+        steps=steps,
     )

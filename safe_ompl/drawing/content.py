@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.certificates import ProgramCertificate, RecordedCell
+from safe_ompl.certificates import Certificate, RecordedCell
 from safe_ompl.common import FloatArray, InputError, documents as document, finite_array
 from safe_ompl.danger import DangerField
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
@@ -69,24 +69,39 @@ class ViewerContent:
         object.__setattr__(self, "title", self.title or self.robot.name)
 
     @classmethod
-    def of_certificate(cls, content: Mapping[str, Any], robot: Robot | None = None) -> ViewerContent:
+    def of_certificate(
+        cls, content: Mapping[str, Any], title: str = "", package_dirs: Sequence[Path] = ()
+    ) -> ViewerContent:
         """Return what a certificate is about; it is shown, not verified.
 
-        Its robot is by default built from what it carries.
+        A single motion is shown as a path with its danger, several ones, or what takes an object, as they are in time.
+        The robot is built from what the certificate carries; `package_dirs` as of `safe_ompl.load`.
 
         Raises
         ------
         InputError, CertificateError
-            If robot or scene cannot be built, or are not those of the certificate.
+            If it is no certificate, or robot or scene cannot be built or are not those of the certificate.
         """
-        robot = built_robot(content["robot"]) if robot is None else robot
-        scene = built_scene(content["scene"])
-        claim = content.get("danger") or {}
-        danger = {key: value for key, value in claim.items() if key != "bound"}
-        motion = Motion.from_mapping(content["motion"])
-        curved = motion.degree > 1
-        path = motion.at(np.linspace(motion.times[0], motion.times[-1], _SAMPLES)) if curved else motion.knots
-        return cls(robot, scene, {CERTIFIED: path}, danger=danger, title=f"{robot.name}, proven")
+        claims = Certificate.read(content)
+        robot, scene = built_robot(claims.robot, package_dirs=package_dirs), built_scene(claims.scene)
+        held = [{**stretch["motion"], "joint_names": claims.joint_names} for stretch in content["stretches"]]
+        motions = [Motion.from_mapping(motion) for motion in held]
+        first = claims.stretches[0]
+        if len(motions) == 1 and not (first.attach or first.contacts):
+            (motion,) = motions
+            curved = motion.degree > 1
+            path = motion.at(np.linspace(motion.times[0], motion.times[-1], _SAMPLES)) if curved else motion.knots
+            danger = {} if first.danger is None else first.danger.to_mapping()
+            danger = {key: value for key, value in danger.items() if key != "bound"}
+            return cls(robot, scene, {CERTIFIED: path}, danger=danger, title=title or f"{robot.name}, proven")
+        cell, stages, begin = RecordedCell(robot, scene), [], 0.0
+        for k, (stretch, motion) in enumerate(zip(claims.stretches, motions, strict=True)):
+            cell.change(stretch, motion.knots[0])
+            number = f"stretch {k + 1} of {len(motions)}"
+            stages.append(_Stage(number, stretch.step or "motion", begin, motion, *cell.during(stretch.contacts)))
+            begin += motion.duration
+        bare = Robot(replace(robot.spec, attached=()))
+        return _of_stages(bare, stages, title or robot.name, None)
 
     @classmethod
     def of_results(
@@ -150,23 +165,6 @@ class ViewerContent:
         ]
         bare = Robot(replace(program_robot(scenario).spec, attached=()))
         return _of_stages(bare, stages, scenario.name, scenario.danger)
-
-    @classmethod
-    def of_program_certificate(
-        cls, content: Mapping[str, Any], title: str, package_dirs: Sequence[Path] = ()
-    ) -> ViewerContent:
-        """Return what the certificate of a program is about; it is shown, not verified. Errors as `of_certificate`."""
-        program = ProgramCertificate.read(content)
-        robot, scene = built_robot(program.robot, package_dirs=package_dirs), built_scene(program.scene)
-        cell, stages, begin = RecordedCell(robot, scene), [], 0.0
-        for k, stretch in enumerate(program.stretches):
-            motion = Motion.from_mapping({**content["stretches"][k]["motion"], "joint_names": program.joint_names})
-            cell.change(stretch, motion.knots[0])
-            number = f"stretch {k + 1} of {len(program.stretches)}"
-            stages.append(_Stage(number, stretch.step or "motion", begin, motion, *cell.during(stretch.contacts)))
-            begin += motion.duration
-        bare = Robot(replace(robot.spec, attached=()))
-        return _of_stages(bare, stages, title, None)
 
     @cached_property
     def still(self) -> Scene:

@@ -19,7 +19,8 @@ import numpy as np
 from safe_ompl.common import InputError, UnknownNameError, documents as document, shown
 from safe_ompl.robot import PackageFolders, parsed, robots_folder
 
-FORMAT, VERSION = "safe-ompl certificate", 4
+FORMAT, VERSION = "safe-ompl certificate", 5
+_OLD_FORMAT = "safe-ompl program certificate"
 OWN_FORMAT, OWN_VERSION = "safe-ompl", 2  # of all other files
 KINDS = ("result", "path", "scene", "trajectory", "motion")
 OBSTACLE = "obstacle:"  # in front of the names of obstacles, so that none can pass for a link
@@ -55,10 +56,12 @@ def check_form(content: Any, form: str = FORMAT, version: int = VERSION) -> None
     """Raise InputError unless `content` says that it has a form, by default that of certificates, of a version."""
     found = content.get("format") if isinstance(content, Mapping) else None
     if found != form:
-        raise InputError(f"must be {form!r}, got {shown(found)}", "format")
+        older = "; it is of an earlier version: issue the certificate anew" if found == _OLD_FORMAT else ""
+        raise InputError(f"must be {form!r}, got {shown(found)}{older}", "format")
     given = content.get("version")
     if given != version or isinstance(given, (bool, float)):
-        raise InputError(f"{shown(given)} is not known, {version} is", "version")
+        older = "; issue the certificate anew" if form == FORMAT else ""
+        raise InputError(f"{shown(given)} is not known, {version} is{older}", "version")
 
 
 def marked(kind: str, content: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,6 +4,7 @@ import copy
 import json
 import subprocess
 import sys
+from fractions import Fraction
 from functools import cache
 from itertools import pairwise
 
@@ -11,12 +12,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import assume, given, settings, strategies as st
-from signing import signed
+from signing import claimed, signed
 
 from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Scene, certificate, verify
 from safe_ompl.certificates.claims import ClaimedDanger
-from safe_ompl.certificates.verifier.bodies import ENDLESS, PlainCurve, farthest
+from safe_ompl.certificates.verifier.bodies import ENDLESS, farthest
 from safe_ompl.certificates.verifier.danger import PlainDanger
+from safe_ompl.certificates.verifier.motion import RecordedPiece, derivatives
 from safe_ompl.certificates.verifier.verify import Terms
 from safe_ompl.common import CertificateError, InputError, PlanningError
 
@@ -83,7 +85,7 @@ def test_a_path_over_the_half_turn(kinova):
         certificate(over, kinova, Scene())
     content = certificate(np.unwrap(over, axis=0), kinova, Scene())
     assert verify(content, kinova, Scene()).edges == 1
-    assert content["motion"]["coefficients"][0][1][0] == pytest.approx(2 * np.pi - 6), "the short way"
+    assert claimed(content)["motion"]["coefficients"][0][1][0] == pytest.approx(2 * np.pi - 6), "the short way"
     leap = [[3.0, *rest], [1e17, *rest], [1.0, *rest]]  # so far that turns are lost
     with pytest.raises(InputError, match=r"joint .* (jumps|turns) by"):
         certificate(leap, kinova, Scene())
@@ -113,7 +115,7 @@ def swapped(content):
 
 
 def slopes(content, piece):
-    return content["motion"]["coefficients"][piece][1]
+    return claimed(content)["motion"]["coefficients"][piece][1]
 
 
 @pytest.mark.parametrize(
@@ -127,8 +129,13 @@ def slopes(content, piece):
         ),
         (lambda c: slopes(c, 2).__setitem__(3, 1e-7 + slopes(c, 2)[3]), None),
         (lambda c: slopes(c, 2).__setitem__(3, 10**400), r"coefficients\[2\]\[1\]\[3\]: must be|must be numbers"),
-        (lambda c: c.update(version=3), "version: 3 is not known, 4 is"),
-        (lambda c: c.pop("motion"), "motion: missing, but needed"),
+        (lambda c: c.update(version=4), "version: 4 is not known, 5 is; issue the certificate anew"),
+        (
+            lambda c: c.update(format="safe-ompl program certificate"),
+            "got 'safe-ompl program certificate'; it is of an earlier version: issue the certificate anew",
+        ),
+        (lambda c: claimed(c).pop("motion"), r"stretches\[0\]\.motion: missing, but needed"),
+        (lambda c: c["stretches"].clear(), "stretches: must name one stretch at least"),
         (lambda c: c.clear(), "format: must be 'safe-ompl certificate', got None"),
     ],
 )
@@ -176,8 +183,9 @@ MALFORMED = [
 
 @pytest.mark.parametrize(("claim", "message"), MALFORMED)
 def test_claims_without_a_meaning_are_neither_verified_nor_issued(tampered, ur5, clutter, path, claim, message):
+    claimed(tampered).update(claim)
     with pytest.raises(InputError, match=message):
-        verify(signed({**tampered, **claim}), ur5, clutter)
+        verify(signed(tampered), ur5, clutter)
     with pytest.raises(InputError, match=message):
         certificate(path, ur5, clutter, claim)
 
@@ -198,7 +206,7 @@ def test_claims_without_a_meaning_are_neither_verified_nor_issued(tampered, ur5,
 )
 def test_dangers_that_cannot_be_claimed(tampered, ur5, clutter, key, value, message):
     usual = {"bound": 9.0, "spacing": 0.1, "aggregate": "softmax", "weighting": "unit"}
-    tampered["danger"] = {**usual, "k1": 1.0, "sharpness": 10.0, key: value}
+    claimed(tampered)["danger"] = {**usual, "k1": 1.0, "sharpness": 10.0, key: value}
     with pytest.raises(InputError, match=rf"danger.*{message}"):
         verify(signed(tampered), ur5, clutter)
 
@@ -218,20 +226,20 @@ def test_a_claim_of_danger(robot_named, clutter, name, aggregate, weighting):
     field = DangerField(robot, points, weights, aggregate=aggregate, weighting=weighting, k1=2.0, sharpness=3.0)
     content = certificate(path, robot, scene, {"spacing": 0.1}, field=field)
     assert verify(content, robot, scene).edges == 2
-    plain = PlainDanger(robot, scene, ClaimedDanger.from_mapping(content["danger"]), ENDLESS)
-    still = PlainCurve("still", path[[0, 0]])
+    plain = PlainDanger(robot, scene, ClaimedDanger.from_mapping(claimed(content)["danger"]), ENDLESS)
+    still = RecordedPiece("still", derivatives(np.array([path[0], 0 * path[0]]), Fraction(1)))
     assert plain.exceeded(still, field.value(path[0]) * (1 + 1e-5)) is None
     assert plain.exceeded(still, field.value(path[0]) * (1 - 1e-5)) is not None
     t = np.linspace(0, 1, 500)[:, None]
     dense = field.values(np.concatenate([a + t * robot.difference(a, b) for a, b in pairwise(path)]))
-    assert dense.max() <= content["danger"]["bound"] <= 1.06 * dense.max()
+    assert dense.max() <= claimed(content)["danger"]["bound"] <= 1.06 * dense.max()
     limit = 1.001 * dense.max()
     limited = certificate(path, robot, scene, {"spacing": 0.1, "max_danger": limit}, field=field)
-    assert limited["danger"]["bound"] == limit
+    assert claimed(limited)["danger"]["bound"] == limit
     assert verify(limited, robot, scene).edges == 2
     above = certificate(path, robot, scene, {"spacing": 0.1, "max_danger": 0.9 * limit}, field=field)
-    assert above["danger"] == content["danger"]
-    content["danger"]["bound"] = 0.99 * dense.max()
+    assert claimed(above)["danger"] == claimed(content)["danger"]
+    claimed(content)["danger"]["bound"] = 0.99 * dense.max()
     refused(signed(content), robot, scene, r"piece \d of the motion: danger .* is claimed")
 
 

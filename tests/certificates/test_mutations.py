@@ -67,7 +67,7 @@ def test_random_mutations_are_refused_or_claim_nothing_false(bench, quiet):
 def test_the_judge_finds_what_is_false_and_so_does_the_verifier(bench, quiet, number, at, factor):
     """Sentences that are made of a claim that does not hold are false, and nobody but the verifier looks at it."""
     case = bench.cases()[number]
-    content = bench.replaced(case.content, at, lambda value: factor * value if value else 0.5)
+    content = bench.replaced(case.content, ("stretches", 0, *at), lambda value: factor * value if value else 0.5)
     claims = Certificate.read(signed(content)).sentences("")
     judge = bench.Judge(case.robot, case.scene)
     assert not judge.true(claims, content, ())

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import interpolate
-from signing import signed
+from signing import claimed, signed
 
 from safe_ompl import (
     CertificateError,
@@ -23,7 +23,8 @@ from safe_ompl import (
 from safe_ompl.certificates import certificate, motion_certificate, verify
 from safe_ompl.certificates.claims import ClaimedMotion
 from safe_ompl.certificates.verifier.bodies import Separations
-from safe_ompl.certificates.verifier.polynomials import RecordedMotion, check_polynomials
+from safe_ompl.certificates.verifier.motion import RecordedMotion
+from safe_ompl.certificates.verifier.polynomials import check_motion
 from safe_ompl.certificates.verifier.verify import Terms
 from safe_ompl.collision import Separation, ToolOrientation
 from safe_ompl.danger import CertifiedDanger
@@ -121,14 +122,14 @@ def test_a_limit_of_the_danger(ur5, clutter, tube):
     content = travelled(motion_certificate(check(spline(), ur5, scene, constraints=wanted, tube=tube)))
     assert verify(content, ur5, scene).claims[1].startswith("danger at most")
     with pytest.raises(CertificateError, match=r"piece . of the motion: danger .* near"):
-        verify(tampered(content, lambda c: c["danger"].update(bound=0.99 * peak)), ur5, scene)
+        verify(tampered(content, lambda c: claimed(c)["danger"].update(bound=0.99 * peak)), ur5, scene)
     with pytest.raises(InputError, match="danger points of the field are not those of the scene"):
         motion_certificate(check(spline(), ur5, scene, constraints=wanted), spacing=0.07)
 
 
 def raised(*at, by):
     def change(content):
-        inner = content
+        inner = claimed(content)
         for key in at[:-1]:
             inner = inner[key]
         inner[at[-1]] = by(inner[at[-1]])
@@ -189,13 +190,13 @@ def test_slack_counts_and_its_digest_is_looked_at(ur5, clutter):
 )
 def test_claims_without_meaning_are_refused(written, change, words):
     with pytest.raises(InputError, match=words):
-        verify(tampered(written, lambda content: content["motion"].update(change)))
+        verify(tampered(written, lambda content: claimed(content)["motion"].update(change)))
 
 
 def test_a_tube_or_a_path_that_has_no_meaning_there_is_refused(written):
     for change, words in (
         (raised("tube", by=lambda tube: tube[1:]), "tube: must be 6 numbers >= 0"),
-        (lambda content: content.update(path=[]), "path: unknown key"),
+        (lambda content: claimed(content).update(path=[]), "path: unknown key"),
     ):
         with pytest.raises(InputError, match=words):
             verify(tampered(written, change))
@@ -261,7 +262,7 @@ def test_what_is_not_proven_has_no_certificate(ur5, clutter, fast):
         motion_certificate(check_with(spline(), replace(found.proof, limits=[Own()])))
     bare = check(Motion.sampled(FINE, spline()(FINE), 0.5), ur5, clutter, limits=fast)
     assert "velocity" not in bare.claims
-    assert "velocity" not in motion_certificate(bare)["motion"]
+    assert "velocity" not in claimed(motion_certificate(bare))["motion"]
 
 
 def test_it_can_be_shown(written):
@@ -292,7 +293,7 @@ def test_the_danger_within_a_tube_of_a_path_has_a_larger_bound(ur5, clutter):
     ):
         with pytest.raises(CertificateError, match=r"piece . of the motion: danger .* is claimed"):
             verify(tampered(content, change), ur5, scene)
-    content = tampered(content, lambda c: (c["danger"].update(bound=1.001 * peak), c.pop("tube")))
+    content = tampered(content, lambda c: (claimed(c)["danger"].update(bound=1.001 * peak), claimed(c).pop("tube")))
     assert verify(content, ur5, scene)
 
 
@@ -340,7 +341,7 @@ def test_what_the_verifier_accepts_touches_nothing_and_what_is_proven_it_accepts
         claim = ClaimedMotion.from_mapping({key: said[key] for key in keys if key in said})
         claims = OfTube(claim, tube)
         try:
-            check_polynomials(claims, robot, clutter, Separations(robot, clutter, claims), RecordedMotion(claim))
+            check_motion(claims, robot, clutter, Separations(robot, clutter, claims), RecordedMotion(claim))
         except CertificateError:
             refused += 1
             assert not check(motion, robot, clutter, tube=tube)

@@ -7,10 +7,10 @@ from base64 import b64encode
 
 import numpy as np
 import pytest
-from signing import signed
+from signing import claimed, signed
 
 from safe_ompl import CertificateError, InputError, PlanningError, SafeSetup, Scenario, Scene, plan_program
-from safe_ompl.certificates import program_certificate, terms_of, verify_program
+from safe_ompl.certificates import program_certificate, terms_of, verify
 from safe_ompl.geometry import Box, Obstacle, Pose
 from safe_ompl.io import built_robot
 from safe_ompl.motions import Motion, RateLimits
@@ -67,7 +67,7 @@ def about(scenario):
 
 
 def test_it_holds_for_its_scenario_and_says_what_may_touch(content, about, result):
-    found = verify_program(content, **about)
+    found = verify(content, **about)
     assert not found.own
     assert found.claims[:6] == (
         "every motion of 4 stretches is free",
@@ -77,18 +77,14 @@ def test_it_holds_for_its_scenario_and_says_what_may_touch(content, about, resul
         "cube may touch table, no deeper than 1 mm, in stretch 3",
         "nothing else touches, but what is held and the links that do not move against its tip",
     )
-    assert "and the scene that the file itself carries" in verify_program(content).claims[0]
+    assert "and the scene that the file itself carries" in verify(content).claims[0]
 
 
 # ---------------------------------------------------------------------------------------------------- what is forged
 
 
-def stretch(content, number=-1):
-    return content["stretches"][number]
-
-
-def contacts(content, number=-1):
-    return {contact["object"]: contact for contact in stretch(content, number)["contacts"]}
+def contacts(content):
+    return {contact["object"]: contact for contact in claimed(content, -1)["contacts"]}
 
 
 def touch_deeper(content):
@@ -100,7 +96,7 @@ def touch_what_is_held_deeper(content):
 
 
 def touch_something_else(content):
-    stretch(content)["contacts"].append({"links": ["panda_link5"], "object": "pole", "depth": 0.001})
+    claimed(content, -1)["contacts"].append({"links": ["panda_link5"], "object": "pole", "depth": 0.001})
 
 
 def touch_with_another_link(content):
@@ -108,7 +104,7 @@ def touch_with_another_link(content):
 
 
 def touch_too_early(content):
-    stretch(content, 0)["contacts"] = [{"links": ["panda_leftfinger"], "object": "cube", "depth": 0.001}]
+    claimed(content, 0)["contacts"] = [{"links": ["panda_leftfinger"], "object": "cube", "depth": 0.001}]
 
 
 def touch_without_a_depth(content):
@@ -124,23 +120,23 @@ def touch_to_no_depth(content):
 
 
 def forget_that_the_cube_is_held(content):
-    del stretch(content)["attach"]
+    del claimed(content, -1)["attach"]
 
 
 def take_it_twice(content):
-    stretch(content, 1)["attach"] = {"cube": "panda_hand_tcp"}
+    claimed(content, 1)["attach"] = {"cube": "panda_hand_tcp"}
 
 
 def take_the_pole(content):
-    stretch(content)["attach"] = {"cube": "panda_hand_tcp", "pole": "panda_hand_tcp"}
+    claimed(content, -1)["attach"] = {"cube": "panda_hand_tcp", "pole": "panda_hand_tcp"}
 
 
 def take_it_with_the_elbow(content):
-    stretch(content)["attach"] = {"cube": "panda_link4"}
+    claimed(content, -1)["attach"] = {"cube": "panda_link4"}
 
 
 def put_down_what_is_not_held(content):
-    stretch(content, 1)["detach"] = ["cube"]
+    claimed(content, 1)["detach"] = ["cube"]
 
 
 def skip_a_stretch(content):
@@ -148,16 +144,16 @@ def skip_a_stretch(content):
 
 
 def jump(content):
-    for row in stretch(content, 1)["motion"]["coefficients"]:
+    for row in claimed(content, 1)["motion"]["coefficients"]:
         row[0][0] += 1e-5
 
 
 def claim_a_distance_from_what_is_touched(content):
-    stretch(content)["clearance"] = {"distance": 0.0001, "obstacles": ["table"]}
+    claimed(content, -1)["clearance"] = {"distance": 0.0001, "obstacles": ["table"]}
 
 
 def claim_a_margin(content):
-    stretch(content)["margin"] = 0.00001
+    claimed(content, -1)["margin"] = 0.00001
 
 
 def be_elsewhere(content):
@@ -230,9 +226,9 @@ def test_what_is_changed_is_refused(content, about, change, words):
     forged = copy.deepcopy(content)
     change(forged)
     with pytest.raises((CertificateError, InputError)):
-        verify_program(forged)
+        verify(forged)
     with pytest.raises((CertificateError, InputError), match=words):
-        verify_program(resigned(forged), **about)
+        verify(resigned(forged), **about)
 
 
 def test_meshes_of_the_file_are_not_those_of_the_robot(tmp_path, data_folder):
@@ -245,9 +241,9 @@ def test_meshes_of_the_file_are_not_those_of_the_robot(tmp_path, data_folder):
     )
     forged["robot"]["meshes"] = {"wedge.obj": b64encode(zlib.compress(small.encode())).decode()}
     with pytest.raises((CertificateError, InputError)):
-        verify_program(signed(forged))
-    assert verify_program(found, package_dirs=[tmp_path])
-    assert verify_program(signed(forged), *about).claims == verify_program(found, *about).claims
+        verify(signed(forged))
+    assert verify(found, package_dirs=[tmp_path])
+    assert verify(signed(forged), *about).claims == verify(found, *about).claims
 
 
 def lone_robot(folder, data):
@@ -285,10 +281,10 @@ def cut(content, slower):
 
 
 def test_velocities_do_not_jump_between_stretches(content, about):
-    assert verify_program(cut(content, 1.0), **about)
+    assert verify(cut(content, 1.0), **about)
     for given in ({}, about):
         with pytest.raises(CertificateError, match=r"stretch 4: its velocity begins"):
-            verify_program(cut(content, 4.0), **given)
+            verify(cut(content, 4.0), **given)
 
 
 @pytest.fixture(scope="module")
@@ -346,10 +342,10 @@ def untimed(setup, *positions):
 
 def test_stretches_that_are_not_in_time_take_none(setup):
     path, rest = untimed(setup, 0.0, 0.1), polynomial(setup, (0.1, 0.2), (0.0, 0.0))
-    whole = verify_program(program_certificate([(0.0, path), (0.009, untimed(setup, 0.1, 0.2))]))
+    whole = verify(program_certificate([(0.0, path), (0.009, untimed(setup, 0.1, 0.2))]))
     assert whole.claims[1] == "they are one path"
     assert {"velocity", "acceleration", "jerk"} <= set(whole.not_claimed)
-    mixed = verify_program(program_certificate([(0.0, path), (1.0, rest)]))
+    mixed = verify(program_certificate([(0.0, path), (1.0, rest)]))
     assert mixed.claims[1] == "they are one motion, 1 stretches of which are not in time"
     assert {"velocity", "acceleration", "jerk"} <= set(mixed.not_claimed)
     with pytest.raises(PlanningError, match="not in time, but does not rest there"):
@@ -373,9 +369,9 @@ def test_obstacles_do_not_drift(about):
 def test_limits_must_be_those_of_the_scenario(content, scenario):
     slower = dataclasses.replace(scenario, motion=MotionLimits(velocity=0.5))
     robot = program_robot(slower)
-    assert verify_program(content, robot, scenario.scene, terms=terms_of(scenario, robot))
+    assert verify(content, robot, scenario.scene, terms=terms_of(scenario, robot))
     with pytest.raises(CertificateError, match=r"stretch 0: motion: velocity is"):
-        verify_program(content, robot, scenario.scene, terms=terms_of(slower, robot))
+        verify(content, robot, scenario.scene, terms=terms_of(slower, robot))
 
 
 def test_no_clearance_is_claimed_of_what_may_be_touched(scenario):
@@ -402,7 +398,7 @@ def test_a_rod_is_handed_over():
     assert found, found
     parts = [(stretch.begin, stretch.check) for stretch in found.stretches]
     content = program_certificate(parts, begin=(robot, given.scene))
-    claims = verify_program(content, robot, given.scene, terms=terms_of(given, robot)).claims
+    claims = verify(content, robot, given.scene, terms=terms_of(given, robot)).claims
     assert "left_panda_hand_tcp holds rod, where it took it, in stretches 3 to 6" in claims
     assert "right_panda_hand_tcp holds rod, where it took it, in stretches 7 to 10" in claims
     taken = content["stretches"][7]

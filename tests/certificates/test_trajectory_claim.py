@@ -3,17 +3,18 @@
 import copy
 import json
 from dataclasses import replace
+from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from signing import signed
+from signing import claimed, signed
 
 from safe_ompl import CertificateError, DangerField, InputError, KinetostaticField, Obstacle, People, Robot
 from safe_ompl.certificates import certificate, verify
 from safe_ompl.certificates.claims import ClaimedTrajectory, at_most
 from safe_ompl.certificates.verifier.bodies import Budget, PlainSpeeds
-from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
+from safe_ompl.certificates.verifier.motion import RecordedLaw, RecordedMotion, RecordedPiece, derivatives
 from safe_ompl.certificates.verifier.verify import Terms
 from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.motions import RateLimits, time_path
@@ -50,7 +51,7 @@ def written(ur5, scene, made):
 def again(written, change):
     """Return the certificate with a change of its trajectory, and the digest that belongs to it."""
     content = copy.deepcopy(written)
-    change(content["trajectory"])
+    change(claimed(content)["trajectory"])
     return signed(content)
 
 
@@ -93,7 +94,7 @@ def asked(field, scene):
 def test_danger_in_motion_is_claimed_and_verified(endangering, ur5):
     content, field, scene, made = endangering
     found = verify(content, ur5, scene, terms=asked(field, scene))
-    claim = content["trajectory"]["danger"]
+    claim = claimed(content)["trajectory"]["danger"]
     assert found.claims[-1].startswith(f"danger in motion at most {at_most(claim['bound'])}")
     assert "danger in motion" not in found.not_claimed
     state = made.at(np.linspace(0, made.duration, 500))
@@ -124,11 +125,11 @@ def test_the_limit_of_the_danger_is_what_is_claimed(endangering, ur5):
     content, field, scene, made = endangering
     if field.aggregate != "max":
         return
-    limit = 0.9 * content["trajectory"]["danger"]["bound"]
+    limit = 0.9 * claimed(content)["trajectory"]["danger"]["bound"]
     slow = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), danger=KinetostaticField(field), max_danger=limit)
     assert slow.duration > made.duration
     capped = certificate(PATH, ur5, scene, trajectory=slow)
-    assert capped["trajectory"]["danger"]["bound"] == limit
+    assert claimed(capped)["trajectory"]["danger"]["bound"] == limit
     verify(capped, ur5, scene)
 
 
@@ -165,38 +166,49 @@ def stronger(**claims):
 
 
 def bent(claim):
-    claim["pieces"][1]["bend"] = [1.01 * x for x in claim["pieces"][1]["bend"]]
+    claim["coefficients"][1][2] = [1.01 * x for x in claim["coefficients"][1][2]]
 
 
 def leaping(claim):
     """Far and back within what counts as one grid point, where it stands."""
-    first = claim["pieces"][0]
-    still = dict.fromkeys(("bend", "swing"), [0.0] * 6) | {"length": 2e-10}
-    far = [first["start"][0] - 0.05, *first["start"][1:]]
-    there = {"start": first["start"], "slope": [-2.5e8, 0, 0, 0, 0, 0], **still}
-    claim["pieces"] = [there, {"start": far, "slope": [2.5e8, 0, 0, 0, 0, 0], **still}, *claim["pieces"]]
+    start, size, still = np.array(claim["coefficients"][0][0]), 2e-10, np.zeros((2, 6))
+    far = np.array([-0.05, 0, 0, 0, 0, 0])
+    there, back = np.array([start, far, *still]), np.array([start + far, -far, *still])
+    claim["coefficients"] = [there.tolist(), back.tolist(), *claim["coefficients"]]
+    claim["times"] = [0.0, size, *(t + 2 * size for t in claim["times"])]
     claim["corners"] = [1, 2, *(k + 2 for k in claim["corners"])]
 
 
 def stepping(claim):
     """Put steps to and fro into the first piece, each no farther than what counts as the same place."""
-    first, count, size = claim["pieces"][0], 20, 1.5e-9
-    begin, end = 0.3 * first["length"], 0.3 * first["length"] + count * size
-    start, slope = np.array(first["start"]), np.array(first["slope"])
-    places = start + np.outer(begin + size * np.arange(count), slope) + 0.9e-9 * (np.arange(count)[:, None] % 2)
-    steps = [{**first, "start": place.tolist(), "length": size} for place in places]
-    rest = {**first, "start": (start + end * slope).tolist(), "length": first["length"] - end}
-    claim["pieces"] = [{**first, "length": begin}, *steps, rest, *claim["pieces"][1:]]
+    count, size, (start, slope) = 20, 1.5e-9, np.array(claim["coefficients"][0][:2])
+    length = claim["times"][1]
+    begin = 0.3 * length
+    knots = begin + size * np.arange(count + 1)
+    places = [start, *(start + np.outer(knots / length, slope))]
+    for k in range(2, count + 1, 2):
+        places[k] = places[k] + 0.9e-9
+    times = [0.0, *knots.tolist(), *claim["times"][1:]]
+    rows = [
+        [q, slope * span / length, 0 * q, 0 * q] for q, span in zip(places, np.diff(times[: count + 3]), strict=True)
+    ]
+    claim["coefficients"] = [*np.array(rows).tolist(), *claim["coefficients"][1:]]
+    claim["times"] = times
     claim["corners"] = [k + count + 1 for k in claim["corners"]]
     edges, squares = np.array(claim["edges"]), claim["squares"]
-    more = np.union1d(edges, begin + size * np.arange(count + 1))
+    more = np.union1d(edges, knots)
     brakes = np.array(claim["stops"]["brakes"])[np.searchsorted(edges, more[:-1], side="right") - 1]
     claim["edges"], claim["squares"] = more.tolist(), np.interp(more, edges, squares).tolist()
     claim["stops"]["brakes"] = brakes.tolist()
 
 
 def moved(claim):
-    claim["pieces"][0]["start"][0] += 1e-6
+    claim["coefficients"][0][0][0] += 1e-6
+
+
+def shortened(claim):
+    claim["coefficients"].pop()
+    claim["times"].pop()
 
 
 @pytest.mark.parametrize(
@@ -218,8 +230,12 @@ def moved(claim):
         (lambda claim: claim["stops"]["brakes"].__setitem__(5, 0.0), "does not decelerate"),
         (bent, "neither a line|begins where|does not begin|another direction"),
         (moved, "begin where the path does|the one before ends"),
-        (lambda claim: claim["pieces"].pop(), "does not end where the path does|not corners"),
-        (lambda claim: claim.update(pieces=[]), "must name one piece"),
+        (shortened, "does not end where the path does|not corners"),
+        (lambda claim: claim.update(coefficients=[]), "must name one piece"),
+        (lambda claim: claim["times"].pop(), r"times: must be \d+ numbers that increase"),
+        (lambda claim: claim.update(timed=True), "timed: must be false"),
+        (lambda claim: claim.update(slack=[[0.0] * 6] * len(claim["coefficients"])), "slack: must be none"),
+        (lambda claim: claim.pop("acceleration"), "acceleration: missing"),
         (lambda claim: claim["corners"].append(1), "does not stand at"),
         (lambda claim: claim["corners"].append(99), "are not corners"),
         (lambda claim: claim["squares"].__setitem__(0, 0.1), "does not stand at"),
@@ -234,7 +250,6 @@ def moved(claim):
         (lambda claim: claim.update(tool_speed=1e308), "tool_speed: must be a finite number in"),
         (leaping, "does not begin at a grid point"),
         (stepping, "is too short for the jump where it begins"),
-        (lambda claim: claim["pieces"][0].pop("length"), "length: missing"),
     ],
 )
 def test_what_does_not_hold_is_refused(written, ur5, scene, change, message):
@@ -272,8 +287,8 @@ def test_jerk_and_speeds_of_tool_and_links_are_claimed(smooth, ur5, scene):
 
 
 def test_no_place_within_a_long_cell_is_faster_than_claimed(ur5):
-    none, slope = np.zeros(6), np.full(6, 6**-0.5)
-    piece = PlainPiece(PATH[0], slope, none, none, 3.0)
+    slope = np.full(6, 6**-0.5)
+    piece = RecordedPiece("edge", derivatives(np.array([PATH[0], 3.0 * slope]), Fraction(3)), 3.0)
     motion = SimpleNamespace(fastest=np.ones(1), starts=[0.0], of=[0], pieces=[piece], edges=np.array([0.0, 3.0]))
     speeds = [np.linalg.norm(ur5.tip_jacobian(piece.at(s))[:3] @ slope) for s in np.linspace(0.0, 3.0, 600)]
     assert speeds[300] < 0.99 * max(speeds), "what is looked at first is not the fastest"
@@ -283,13 +298,14 @@ def test_no_place_within_a_long_cell_is_faster_than_claimed(ur5):
 
 def again_long(claim):
     """Claim the duration that the motion has."""
-    plain = PlainMotion(ClaimedTrajectory.from_mapping(claim), Robot.from_example("ur5"), (PATH[0], PATH[-1]))
-    claim["duration"] = plain.duration
+    read = ClaimedTrajectory.from_mapping(claim)
+    curve = RecordedMotion(read)
+    claim["duration"] = RecordedLaw(read, curve, curve, Robot.from_example("ur5")).duration
 
 
 def swung(claim):
-    piece = next(piece for piece in claim["pieces"] if any(piece["swing"]))
-    piece["swing"] = [1.01 * x for x in piece["swing"]]
+    piece = next(piece for piece in claim["coefficients"] if any(piece[3]))
+    piece[3] = [1.01 * x for x in piece[3]]
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ def result():
 def certified(result):
     stretches = ((stretch.begin, stretch.check) for stretch in result.stretches)
     steps = [str(result.scenario.program.steps[stretch.step]) for stretch in result.stretches]
-    return ViewerContent.of_program_certificate(program_certificate(stretches, steps=steps), "panda_pick_place")
+    return ViewerContent.of_certificate(program_certificate(stretches, steps=steps), "panda_pick_place")
 
 
 @pytest.mark.parametrize("source", ["result", "certificate"])

@@ -168,8 +168,8 @@ def test_limits_on_the_command_line(tmp_path, monkeypatch, capfd):
     limits = ["--max-danger", str(LIMIT), "--min-clearance", "0.1"]
     assert main(["plan", scenario, *limits, "--certificate", "proof.json"]) == 0
     content = json.loads(Path("proof.json").read_text())
-    assert content["danger"]["bound"] <= LIMIT
-    assert content["clearance"] == {"distance": 0.1, "obstacles": ["person"]}
+    assert content["stretches"][0]["danger"]["bound"] <= LIMIT
+    assert content["stretches"][0]["clearance"] == {"distance": 0.1, "obstacles": ["person"]}
     capfd.readouterr()
     assert main(["verify", "proof.json"]) == 0
     assert "at least 100 mm from person" in capfd.readouterr().out

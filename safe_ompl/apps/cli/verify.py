@@ -10,21 +10,13 @@ from typing import Any
 
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.certificates import (
-    PROGRAM_FORMAT,
-    TIME,
-    Verified,
-    certificate,
-    clearance_claim,
-    terms_of,
-    verify,
-    verify_program,
-)
+from safe_ompl.certificates import TIME, Certificate, Verified, certificate, clearance_claim, terms_of, verify
 from safe_ompl.collision import TipBounds, ToolOrientation
 from safe_ompl.common import CertificateError, InputError, documents as document, files
 from safe_ompl.io import schema
 from safe_ompl.motions import Trajectory
 from safe_ompl.planning import PlanResult, SafeSetup
+from safe_ompl.robot import robot_hash
 from safe_ompl.scene import Scenario
 from safe_ompl.tasks import program_robot
 
@@ -52,21 +44,19 @@ def add_commands(commands: Any) -> None:
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the certificate and the scenario, and return the job."""
     content = _read_certificate(options.file)
-    is_program = content["format"] == PROGRAM_FORMAT
-    check = partial(verify_program if is_program else verify, content, time=options.time)
     if options.scenario is None:
-        carried = partial(check, package_dirs=tuple(options.package_dir))
+        carried = partial(verify, content, package_dirs=tuple(options.package_dir), time=options.time)
         return partial(_verify, options.file, carried, " and scene are the file's own, compared with no scenario")
     scenario = arguments.load_scenario(options.scenario, options.package_dir)
-    robot = program_robot(scenario) if is_program else scenario.build_robot()
-    motion = content.get("motion")
-    timed = content.get("trajectory") is not None or (isinstance(motion, Mapping) and "velocity" in motion)
 
     def against_scenario() -> Verified:
-        return check(robot, scenario.scene, terms=terms_of(scenario, robot, timed=is_program or timed))
+        claims, robot = Certificate.read(content), scenario.build_robot()
+        if scenario.program is not None and claims.robot.hash != robot_hash(robot):
+            robot = program_robot(scenario)
+        terms = terms_of(scenario, robot, timed=claims.rated)
+        return verify(content, robot, scenario.scene, terms=terms, time=options.time)
 
-    about = " and its scenes" if is_program else f" and scene of {scenario.file}"
-    return partial(_verify, options.file, against_scenario, about)
+    return partial(_verify, options.file, against_scenario, f" and scene of {scenario.file}")
 
 
 def _verify(file: str, check: Callable[[], Verified], source: str) -> int:
@@ -101,8 +91,7 @@ def _read_certificate(file: str) -> Mapping[str, Any]:
         raise InputError(f"cannot be read as a certificate: {error}", file) from None
     with document.within(file, ": "):
         content = files.parse_json(written, finite=True)
-        if not (isinstance(content, Mapping) and content.get("format") == PROGRAM_FORMAT):
-            schema.check_form(content)
+        schema.check_form(content)
     checked: Mapping[str, Any] = content
     return checked
 

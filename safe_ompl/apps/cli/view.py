@@ -10,7 +10,6 @@ from typing import Any
 from safe_ompl.apps.benchmark import check_named_planner
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.certificates import PROGRAM_FORMAT
 from safe_ompl.common import InputError, files
 from safe_ompl.drawing import (
     ANIMATION_ENDINGS,
@@ -21,7 +20,7 @@ from safe_ompl.drawing import (
     save_animation,
     save_page,
 )
-from safe_ompl.io import TimedMotion, built_robot, load, read_ticks, schema
+from safe_ompl.io import TimedMotion, load, read_ticks, schema
 from safe_ompl.planning import PlanResult, setup_scenario
 from safe_ompl.scene import Scenario
 from safe_ompl.tasks import PROGRAM_TIME, plan_program
@@ -140,13 +139,10 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
 def _loaded(given: Sequence[str], package_dirs: Sequence[Path]) -> ViewerContent:
     with files.reading_json(given[0]) as content:
         form = content.get("format") if isinstance(content, dict) else None
-        if form in (schema.FORMAT, PROGRAM_FORMAT) and len(given) > 1:
-            raise InputError(f"one certificate at a time, not {', '.join(given)}")
         if form == schema.FORMAT:
-            schema.check_form(content)
-            return ViewerContent.of_certificate(content, built_robot(content["robot"], package_dirs=package_dirs))
-        if form == PROGRAM_FORMAT:
-            return ViewerContent.of_program_certificate(content, Path(given[0]).stem, package_dirs)
+            if len(given) > 1:
+                raise InputError(f"one certificate at a time, not {', '.join(given)}")
+            return ViewerContent.of_certificate(content, Path(given[0]).stem, package_dirs)
     loaded = [load(file, package_dirs=package_dirs) for file in given]
     title = Path(given[0]).stem
     motions = [thing for thing in loaded if isinstance(thing, TimedMotion)]

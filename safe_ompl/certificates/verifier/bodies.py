@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.certificates.claims import ClaimedStretch, ClaimedTool
-from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
+from safe_ompl.certificates.verifier.motion import RecordedLaw, RecordedPiece
 from safe_ompl.common import CertificateError, FloatArray, clock
 from safe_ompl.io import schema
 from safe_ompl.robot import Robot
@@ -49,26 +49,6 @@ class Budget:
 
 
 ENDLESS = Budget(inf)
-
-
-class PlainCurve(NamedTuple):
-    """A Bézier curve by its control points (d + 1, n), t from 0 to 1, and how far joints may be from it."""
-
-    name: str
-    points: FloatArray
-    width: FloatArray | float = 0.0
-
-    def place(self, t: float) -> FloatArray:
-        """Return the configuration (n,) at t."""
-        row = self.points
-        while len(row) > 1:
-            row = (1 - t) * row[:-1] + t * row[1:]
-        return row.reshape(-1)
-
-    @property
-    def steps(self) -> FloatArray:
-        """How fast joints (n,) move at most, by t."""
-        return np.asarray((len(self.points) - 1) * np.abs(np.diff(self.points, axis=0)).max(axis=0))
 
 
 class Separations:
@@ -219,13 +199,13 @@ class PlainSpeeds:
         length = float(np.linalg.norm(points, axis=1).max()) + pad
         return _Body(points, pad, carrier, joints_below(self._robot, carrier), length)
 
-    def exceeded(self, motion: PlainMotion, limit: float, *, tool: bool) -> float | None:
+    def exceeded(self, law: RecordedLaw, limit: float, *, tool: bool) -> float | None:
         """Return where on the curve [rad] the tip, or any body, is not proven to keep to a speed [m/s]; else None."""
         bodies = [self._tip] if tool else self._all
-        for j, rate in enumerate(motion.fastest.tolist()):
-            start = motion.starts[motion.of[j]]
-            piece = motion.pieces[motion.of[j]]
-            waiting = [(float(motion.edges[j]) - start, float(motion.edges[j + 1]) - start)]
+        for j, rate in enumerate(law.fastest.tolist()):
+            start = law.starts[law.of[j]]
+            piece = law.pieces[law.of[j]]
+            waiting = [(float(law.edges[j]) - start, float(law.edges[j + 1]) - start)]
             while waiting:
                 first, last = waiting.pop()
                 middle, half = (first + last) / 2, (last - first) / 2
@@ -237,19 +217,19 @@ class PlainSpeeds:
                 waiting += [(first, middle), (middle, last)]
         return None
 
-    def _bounds(self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]) -> tuple[float, float]:
+    def _bounds(self, piece: RecordedPiece, middle: float, half: float, bodies: list[_Body]) -> tuple[float, float]:
         """Return the largest ‖x′‖ at the middle of an interval, and a bound of it throughout."""
         self._budget.spend()
         robot = self._robot
         q, coupling = piece.at(middle), robot.coupling
         pin.forwardKinematics(self._model, self._data, robot.pinocchio_configuration(q))
         axes, origins = joint_lines(robot, self._data)
-        motions, sliding = coupling.motions(piece.slope(middle))[:, None] * axes, robot.joint_prismatic[:, None]
+        motions, sliding = coupling.motions(piece.at(middle, 1))[:, None] * axes, robot.joint_prismatic[:, None]
         turns = np.where(sliding, 0.0, motions)  # what a joint carries moves with turn × x + drift
         drifts = np.where(sliding, motions, np.cross(origins, motions))
-        steps = coupling.reach(piece.steps)
+        steps = coupling.reach(piece.most(1))
         slid = np.abs(coupling.values(q)) + half * steps
-        most = coupling.reach(piece.bends)
+        most = coupling.reach(piece.most(2))
         exact = [self._speed(body, turns, drifts) for body in bodies]
         bends = [bend_bound(robot, body.movers, body.length, steps, most, slid) for body in bodies]
         bounds = (speed + half * bend for speed, bend in zip(exact, bends, strict=True))
@@ -298,13 +278,13 @@ class PlainTool:
         self._model, self._data = robot.shared.model, robot.shared.model.createData()
         self._movers = joints_below(robot, int(self._model.frames[robot.tip_frame].parentJoint))
 
-    def exceeded(self, stretch: PlainCurve) -> tuple[float, str] | None:
-        """Return where on a stretch, and which limit is not proven to be kept; else None."""
-        place, steps, tube = stretch.place, stretch.steps, stretch.width
+    def exceeded(self, piece: RecordedPiece) -> tuple[float, str] | None:
+        """Return at which share of a piece, and which limit is not proven to be kept; else None."""
+        steps, tube = piece.steps, piece.width
         waiting = [(0.5, 0.5)]
         while waiting:
             centre, half = waiting.pop()
-            for name, excess, change in self._excesses(place(centre), half * steps + tube):
+            for name, excess, change in self._excesses(piece.at(piece.length * centre), half * steps + tube):
                 if excess + change <= _TOOL_ROUNDING:
                     continue
                 if excess > _TOOL_ROUNDING or change < _LEAST_TURN or half * steps.max() < _LEAST_STEP:

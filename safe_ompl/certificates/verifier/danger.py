@@ -20,8 +20,8 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.certificates.claims import ClaimedDanger, ClaimedMovingDanger, ClaimedStretch
-from safe_ompl.certificates.verifier.bodies import Budget, PlainCurve, PlainTool, bend_bound, joint_lines, joints_below
-from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
+from safe_ompl.certificates.verifier.bodies import Budget, PlainTool, bend_bound, joint_lines, joints_below
+from safe_ompl.certificates.verifier.motion import RecordedLaw, RecordedPiece
 from safe_ompl.common import CertificateError, FloatArray, IntArray, within
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -50,13 +50,13 @@ class PlainDanger:
         if not len(self.points):
             self.points, self.weights = np.full((1, 3), 1e9), np.ones(1)
 
-    def exceeded(self, stretch: PlainCurve, limit: float) -> tuple[float, float] | None:
-        """Return where on a stretch, and by how much, a danger is not proven to keep to a limit; else None."""
-        place, steps, tube = stretch.place, stretch.steps, stretch.width
+    def exceeded(self, piece: RecordedPiece, limit: float) -> tuple[float, float] | None:
+        """Return at which share of a piece, and by how much, a danger is not proven to keep to a limit; else None."""
+        steps, tube = piece.steps, piece.width
         waiting = [(0.5, 0.5)]
         while waiting:
             centre, half = waiting.pop()
-            value, bound, moved = self._bounded(place(centre), half * steps + tube)
+            value, bound, moved = self._bounded(piece.at(piece.length * centre), half * steps + tube)
             if bound <= limit * (1 + _ROUNDING):
                 continue
             if value > limit * (1 + _ROUNDING) or moved < _SMALLEST or half * steps.max() < _LEAST_STEP:
@@ -108,22 +108,22 @@ class PlainDanger:
 
 
 def check_danger_and_tool(
-    claims: ClaimedStretch, robot: Robot, scene: Scene, stretches: Iterable[PlainCurve], budget: Budget
+    claims: ClaimedStretch, robot: Robot, scene: Scene, pieces: Iterable[RecordedPiece], budget: Budget
 ) -> None:
-    """Raise CertificateError unless the danger and the tool keep to what is claimed on all stretches of a motion."""
+    """Raise CertificateError unless the danger and the tool keep to what is claimed on all pieces of a motion."""
     danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger, budget)
     tool = None if claims.tool is None else PlainTool(robot, claims.tool, budget)
-    for stretch in stretches:
-        budget.where = f"danger and tool of {stretch.name}"
+    for piece in pieces:
+        budget.where = f"danger and tool of {piece.name}"
         if danger is not None and claims.danger is not None:
-            high = danger.exceeded(stretch, claims.danger.bound)
+            high = danger.exceeded(piece, claims.danger.bound)
             if high is not None:
                 words = f"danger {high[1]:.4f} near {high[0]:.6f} of it, {claims.danger.bound:.4f} is claimed"
-                raise CertificateError(f"{stretch.name}: {words}")
-        lost = None if tool is None else tool.exceeded(stretch)
+                raise CertificateError(f"{piece.name}: {words}")
+        lost = None if tool is None else tool.exceeded(piece)
         if lost is not None:
             words = f"the {lost[1]} of the tool is not as claimed near {lost[0]:.6f} of it"
-            raise CertificateError(f"{stretch.name}: {words}")
+            raise CertificateError(f"{piece.name}: {words}")
 
 
 class _MovingInterval(NamedTuple):
@@ -148,17 +148,17 @@ class PlainMovingDanger:
         self._carriers = [int(np.flatnonzero(row).max(initial=-1)) + 1 for row in robot.joint_keypoint_support]
         self._gamma = claim.gamma
 
-    def exceeded(self, motion: PlainMotion) -> float | None:
+    def exceeded(self, law: RecordedLaw) -> float | None:
         """Return where on the curve [rad] the danger is not proven to keep to the bound; else None."""
-        for j, number in enumerate(motion.of):
-            piece, start = motion.pieces[number], motion.starts[number]
-            cell = float(motion.edges[j]) - start, float(motion.edges[j + 1]) - start
+        for j, number in enumerate(law.of):
+            piece, start = law.pieces[number], law.starts[number]
+            cell = float(law.edges[j]) - start, float(law.edges[j + 1]) - start
             waiting = [(*cell, _PARTS, np.arange(len(self._still.points)))]
             while waiting:
                 self._budget.spend()
                 first, last, parts, points = waiting.pop()
                 middle = (first + last) / 2
-                rates = motion.rates_between(j, start + first, start + last)
+                rates = law.rates_between(j, start + first, start + last)
                 interval = self._interval(piece, middle, (last - first) / 2)
                 points = self._above(interval, rates, points, 0)
                 if len(points):
@@ -230,21 +230,21 @@ class PlainMovingDanger:
         found: FloatArray = (slope * logs + at_nearest / h * angles).sum(axis=2) / squared
         return np.where(length > _SHORT, found, speeds.max(axis=2) / np.maximum(away, _TINY) ** 2)
 
-    def _interval(self, piece: PlainPiece, middle: float, half: float) -> _MovingInterval:
+    def _interval(self, piece: RecordedPiece, middle: float, half: float) -> _MovingInterval:
         robot, model = self._robot, self._model
         q, coupling = piece.at(middle), robot.coupling
         places = robot.keypoints(q)
         pin.forwardKinematics(model, self._data, robot.pinocchio_configuration(q))
         axes, origins = joint_lines(robot, self._data)
-        motions = coupling.motions(piece.slope(middle))[:, None] * axes
+        motions = coupling.motions(piece.at(middle, 1))[:, None] * axes
         turned = np.where(robot.joint_prismatic[:, None], motions, np.cross(motions, places[:, None] - origins))
         velocities, bends = np.einsum("km,kmx->kx", robot.joint_keypoint_support, turned), np.zeros(len(places))
-        steps = coupling.reach(piece.steps)
+        steps = coupling.reach(piece.most(1))
         slid = np.abs(coupling.values(q)) + half * steps
         for k, carrier in enumerate(self._carriers):
             if movers := joints_below(robot, carrier):
                 length = float(np.linalg.norm(places[k] - origins[carrier - 1]))
-                bends[k] = bend_bound(robot, movers, length, steps, coupling.reach(piece.bends), slid)
+                bends[k] = bend_bound(robot, movers, length, steps, coupling.reach(piece.most(2)), slid)
         speeds = _norm(velocities) + half * bends
         both = [np.maximum(*(of[side] for side in self._ends)) for of in (speeds, bends)]
         strokes = float(steps[robot.joint_prismatic].sum())

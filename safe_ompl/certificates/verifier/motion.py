@@ -1,97 +1,177 @@
-"""The curve and the time law that a certificate claims, evaluated by plain means.
+"""The motions and the time laws that a certificate holds, evaluated by plain means.
 
-Pieces are cubics in joint space, one after the other, and ṡ² is linear in each cell between two grid points; or such a
-law is a plan σ, and s(t) is its average over the window from t − w to t. In corners the plan waits for w.
+**Motions.** A piece is a Bézier curve. Its control points, and those of its derivatives, are found exactly, in rational
+numbers; those of its parts by de Casteljau's algorithm. A part, and every derivative, is in the box of its control
+points.
 
-No σ(τ) of a window in which σ̇ ≤ m is farther than m w/2 from its average. So while the robot is in cell k, the largest
-σ̇ = m of the window is reached in a cell that is no farther away than m w/2, and all σ(τ) are in such cells.
+**Time laws.** ṡ² is linear in each cell between two grid points; or such a law is a plan σ, and s(t) is its average
+over the window from t − w to t. In corners the plan waits for w. No σ(τ) of a window in which σ̇ ≤ m is farther than
+m w/2 from its average. So while the robot is in cell k, the largest σ̇ = m of the window is reached in a cell that is no
+farther away than m w/2, and all σ(τ) are in such cells.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass
+from collections.abc import Sequence
+from fractions import Fraction
 from itertools import pairwise
-from math import sqrt
+from math import comb, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.certificates.claims import ClaimedTrajectory
+from safe_ompl.certificates.claims import ClaimedMotion, ClaimedTrajectory
 from safe_ompl.common import BoolArray, CertificateError, FloatArray
 from safe_ompl.robot import Robot
 
-_SAME = 1e-9  # [rad] places that differ by less are the same
-_SMOOTH = 1e-6  # [rad/s, rad/s²] jumps of velocities, and of accelerations where the jerk is limited, that are none
-_STEEP = (1e-8, 1e-6, 1e-3)  # [rad, s] jumps of places, velocities and accelerations as rates, at most
-_ABOVE = (1e-8, 1e-7, 1e-4)  # [rad, s] what velocities, accelerations and jerks may be above their limits
-_ROUNDING = 1e-9  # relative, of reach and, for grid points, of the shorter piece beside
-_LONGEST = 1e4  # [rad] of a curve
+# What positions, velocities, accelerations and jerks may be above their limits; positions and what else must be
+# continuous may jump so far. Rates are issued with half of that.
+ABOVE = (1e-6, 2e-6, 2e-6, 2e-3)  # [rad or m, s]
+# The curve of a time law begins and ends where the path does, and its pieces where the one before ends, but for this.
+_SAME = 1e-9  # [rad]
+# Jumps of velocities, and of accelerations where the jerk is limited, that are none under a time law.
+_SMOOTH = 1e-6  # [rad/s, rad/s²]
+# Jumps of places, velocities and accelerations under a time law, as rates, at most.
+_STEEP = (1e-8, 1e-6, 1e-3)  # [rad, s]
+# What velocities, accelerations and jerks under a time law may be above their limits.
+_RATES_ABOVE = (1e-8, 1e-7, 1e-4)  # [rad, s]
+# Relative, of reach and, for grid points, of the shorter piece beside.
+_ROUNDING = 1e-9
+_LONGEST = 1e4  # [rad]
 _HALVINGS = 60
 
 
-@dataclass(frozen=True)
-class PlainPiece:
-    """A cubic: q, q′, q″ and q‴ where it begins, and its length."""
+class RecordedPiece(NamedTuple):
+    """A polynomial of a parameter from 0 to its length, by control points, and how far joints (n,) may be from it.
 
-    start: FloatArray
-    first: FloatArray
-    second: FloatArray
-    third: FloatArray
-    length: float
+    `rows` are the control points of its values, (d + 1, n), and of its derivatives by the parameter.
+    """
 
-    def at(self, sigma: float) -> FloatArray:
-        """Return the configuration (n,) at an arc length from its start."""
-        return self.start + sigma * self.first + sigma**2 / 2 * self.second + sigma**3 / 6 * self.third
+    name: str
+    rows: Sequence[FloatArray]
+    length: float = 1.0
+    width: FloatArray | float = 0.0
 
-    def slope(self, sigma: float) -> FloatArray:
-        """Return q′ (n,) there."""
-        return self.first + sigma * self.second + sigma**2 / 2 * self.third
-
-    def bend(self, sigma: float) -> FloatArray:
-        """Return q″ (n,) there."""
-        return self.second + sigma * self.third
+    @property
+    def points(self) -> FloatArray:
+        """The control points (d + 1, n) of its values."""
+        return self.rows[0]
 
     @property
     def steps(self) -> FloatArray:
-        """The largest |q′| (n,) on the piece."""
-        low, high = self.slopes(0.0, self.length)
-        return np.maximum(-low, high)
+        """How fast joints (n,) move at most, by the share of the piece."""
+        return self.length * self.most(1)
 
-    @property
-    def bends(self) -> FloatArray:
-        """The largest |q″| (n,) on the piece."""
-        return np.maximum(np.abs(self.second), np.abs(self.bend(self.length)))
+    def at(self, s: float, order: int = 0) -> FloatArray:
+        """Return the values (n,), or those of a derivative, where the parameter is s."""
+        row, t = self.rows[order], s / self.length
+        while len(row) > 1:
+            row = (1 - t) * row[:-1] + t * row[1:]
+        return row[0]
 
-    def slopes(self, first: float, last: float) -> tuple[FloatArray, FloatArray]:
-        """Return the least and the largest q′ (n,) between two arc lengths."""
-        values = [self.slope(first), self.slope(last)]
-        for i in np.flatnonzero(self.third):
-            turn = -self.second[i] / self.third[i]
-            if first < turn < last:
-                values.append(np.where(np.arange(len(self.third)) == i, self.slope(turn), values[0]))
-        return np.min(values, axis=0), np.max(values, axis=0)
+    def most(self, order: int) -> FloatArray:
+        """Return a bound (n,) of the size of a derivative."""
+        return np.asarray(np.abs(self.rows[order]).max(axis=0))
+
+    def between(self, order: int, first: float, last: float) -> tuple[FloatArray, FloatArray]:
+        """Return bounds (n,) of a derivative from below and from above between two values of the parameter."""
+        points, end = self.rows[order], min(last / self.length, 1.0)
+        if len(points) > 1:
+            points = halves(points, end)[0]
+            points = halves(points, min(max(first / last, 0.0), 1.0))[1]
+        return points.min(axis=0), points.max(axis=0)
 
 
-class PlainMotion:
-    """A curve and where on it the robot is when; a CertificateError unless it is one motion between two ends.
+class RecordedMotion:
+    """The pieces of a motion, and where the motion before it, if there is one, ends."""
 
-    Its pieces begin at arc lengths `starts`. At `edges`, (C + 1,), ṡ² is `squares`; of the plan, if there is a `window`
-    [s], which is else 0. Of each of the C cells `of` is the piece, `ends` the grid point at which the robot stops in
-    any case, `fastest` a bound of ṡ.
+    def __init__(self, claim: ClaimedMotion, before: RecordedMotion | None = None) -> None:
+        self.claim, self.before = claim, before
+        self.kind = "trajectory" if isinstance(claim, ClaimedTrajectory) else "motion"
+        self.pieces = []
+        for k, (coefficients, (begin, end)) in enumerate(
+            zip(claim.coefficients, pairwise(claim.times.tolist()), strict=True)
+        ):
+            span = Fraction(end) - Fraction(begin)
+            name = f"piece {k} of the {self.kind}"
+            self.pieces.append(RecordedPiece(name, derivatives(coefficients, span), float(span)))
+        self.begin = [row[0] for row in self.pieces[0].rows]
+        self.end = [row[-1] for row in self.pieces[-1].rows]
+
+    def jumps(self, order: int) -> FloatArray:
+        """Return by how much (K, n) a derivative of some order jumps where pieces begin."""
+        ends = [piece.rows[order][-1] for piece in self.pieces[:-1]]
+        first = self.begin[order]
+        comparable = self.before is not None and (order == 0 or (self.claim.timed and self.before.claim.timed))
+        last = self.before.end[order] if self.before is not None and comparable else first
+        return np.array(
+            [np.abs(piece.rows[order][0] - end) for piece, end in zip(self.pieces, [last, *ends], strict=True)]
+        )
+
+    def check_joined(self) -> None:
+        """Raise CertificateError unless it goes on as the motion before ends: at its velocity, or both at rest."""
+        before, claim = self.before, self.claim
+        if before is None:
+            return
+        apart = self.jumps(0)[0].max()
+        if apart > ABOVE[0]:
+            raise CertificateError(f"it begins {apart:.3g} rad or m from where the one before ends")
+        for one, velocity in ((self, self.begin[1]), (before, before.end[1])):
+            if before.claim.timed != claim.timed and one.claim.timed and np.abs(velocity).max() > ABOVE[1]:
+                raise CertificateError("it meets the one before, of which one is not in time, but does not rest there")
+        limited = claim.jerk is not None or before.claim.jerk is not None
+        for order, kind, unit in ((1, "velocity", "rad/s or m/s"), (2, "acceleration", "rad/s² or m/s²"))[
+            : 1 + limited
+        ]:
+            jump = self.jumps(order)[0].max()
+            if jump > ABOVE[order]:
+                raise CertificateError(f"its {kind} begins {jump:.3g} {unit} from that with which the one before ends")
+
+
+def derivatives(coefficients: FloatArray, span: Fraction) -> list[FloatArray]:
+    """Return the control points (d − k + 1, n), at least one, of the k-th derivative by time, for k = 0 … 3."""
+    degree, powers = len(coefficients) - 1, [list(map(Fraction, row)) for row in coefficients.tolist()]
+    rows = [
+        [sum(Fraction(comb(i, k), comb(degree, k)) * c[k] for k in range(i + 1)) for c in zip(*powers, strict=True)]
+        for i in range(degree + 1)
+    ]
+    found = []
+    for left in range(degree, degree - 4, -1):
+        found.append(np.array(rows, dtype=np.float64))
+        rows = [[left * (b - a) / span for a, b in zip(*both, strict=True)] for both in pairwise(rows)] or [
+            [Fraction(0)] * len(rows[0])
+        ]
+    return found
+
+
+def halves(points: FloatArray, share: float = 0.5) -> tuple[FloatArray, FloatArray]:
+    """Return the control points of a curve up to a share of it, and of the rest, by de Casteljau's algorithm."""
+    before, after = [], []
+    while len(points):
+        before.append(points[0])
+        after.append(points[-1])
+        points = (1 - share) * points[:-1] + share * points[1:]
+    return np.array(before), np.array(after[::-1])
+
+
+class RecordedLaw:
+    """Where on its curve the robot is when; a CertificateError unless it is one motion between the ends of a path.
+
+    The pieces of the curve begin at values `starts` of its parameter. At `edges`, (C + 1,), ṡ² is `squares`; of the
+    plan, if there is a `window` [s], which is else 0. Of each of the C cells `of` is the piece, `ends` the grid point
+    at which the robot stops in any case, `fastest` a bound of ṡ.
     """
 
-    def __init__(self, claim: ClaimedTrajectory, robot: Robot, ends: tuple[FloatArray, FloatArray]) -> None:
-        self.pieces = [PlainPiece(p.start, p.slope, p.bend, p.swing, p.length) for p in claim.pieces]
+    def __init__(self, claim: ClaimedTrajectory, curve: RecordedMotion, path: RecordedMotion, robot: Robot) -> None:
+        self.pieces, self.starts = curve.pieces, claim.times.tolist()
         for k, piece in enumerate(self.pieces):
             if not piece.length <= _LONGEST:
                 raise CertificateError(f"trajectory: piece {k} is no curve")
         corners = list(claim.corners)
         if any(not 0 < k < len(self.pieces) for k in corners):
             raise CertificateError(f"trajectory: {corners} are not corners between its pieces")
-        self._check_joined(robot, ends)
-        self.starts = [0.0]
-        for piece in self.pieces:
-            self.starts.append(self.starts[-1] + piece.length)
+        self._check_joined(robot, curve, path)
         self.edges, self.squares = claim.edges, claim.squares
         if len(self.edges) != len(self.squares):
             raise CertificateError("trajectory: it has not one speed for each grid point")
@@ -105,7 +185,7 @@ class PlainMotion:
                 raise CertificateError(f"trajectory: it does not stand at {where}, where it must")
         self.ends = np.array([min(j for j in stops if j > cell) for cell in range(len(self.of))])
         self._begins = np.array([max(j for j in stops if j <= cell) for cell in range(len(self.of))])
-        self._check_smooth(corners)
+        self._check_smooth(curve, corners)
         self._average = PlainAverage(self.edges, self.squares, self._corners, self.window)
         self.fastest = self.fastest_near(np.sqrt(np.maximum(self.squares[1:], self.squares[:-1])))
 
@@ -146,20 +226,18 @@ class PlainMotion:
         """Return bounds (C,) of ṡ in the cells for a plan whose σ̇ is at most `speeds: (C,)` in them."""
         return np.array([speeds[self.near(k, speeds)].max() for k in range(len(self.of))])
 
-    def _check_joined(self, robot: Robot, ends: tuple[FloatArray, FloatArray]) -> None:
-        last = self.pieces[-1]
-        own = self.pieces[0].start, last.at(last.length)
-        for name, q, wanted in zip(("begin", "end"), own, ends, strict=True):
+    @staticmethod
+    def _check_joined(robot: Robot, curve: RecordedMotion, path: RecordedMotion) -> None:
+        for name, q, wanted in (("begin", curve.begin[0], path.begin[0]), ("end", curve.end[0], path.end[0])):
             if np.abs(robot.difference(q, wanted)).max() > _SAME:
                 raise CertificateError(f"trajectory: the curve does not {name} where the path does")
-        for k, (before, after) in enumerate(pairwise(self.pieces), 1):
-            if np.abs(before.at(before.length) - after.start).max() > _SAME:
-                raise CertificateError(f"trajectory: piece {k} does not begin where the one before ends")
+        for k in np.flatnonzero((curve.jumps(0) > _SAME).any(axis=1)).tolist():
+            raise CertificateError(f"trajectory: piece {k} does not begin where the one before ends")
 
     def _check_grid(self) -> list[int]:
         """Return the piece of each cell; cells must be in order, and none in two pieces."""
         edges = self.edges
-        if len(edges) < 2 or not (np.diff(edges) > 0).all() or edges[0] != 0:
+        if len(edges) < 2 or not (np.diff(edges) > 0).all() or edges[0] != self.starts[0]:
             raise CertificateError("trajectory: its grid points are not in order")
         if abs(edges[-1] - self.starts[-1]) > 1e3 * _ROUNDING * self.pieces[-1].length or not (self.squares >= 0).all():
             raise CertificateError("trajectory: its grid points do not cover the curve")
@@ -175,60 +253,53 @@ class PlainMotion:
     def _grid_point(self, s: float) -> int:
         return int(np.abs(self.edges - s).argmin())
 
-    def _check_smooth(self, corners: list[int]) -> None:
+    def _check_smooth(self, curve: RecordedMotion, corners: list[int]) -> None:
         """Refuse pieces that begin with another velocity, or acceleration, than those before end with.
 
         A jump J where a piece of length h begins counts as the rate Jṡ/h, too, so that many make no staircase.
         """
         speed = sqrt(float(self.squares.max()))
-        for k, (before, after) in enumerate(pairwise(self.pieces), 1):
-            end = before.length
-            jumps = [np.abs(before.at(end) - after.start).max()]
-            if k not in corners:
-                jumps += [np.abs(before.slope(end) - after.first).max() * speed]
-                jumps += [np.abs(before.bend(end) - after.second).max() * speed**2] * bool(self.window)
+        orders = range(3 if self.window else 2)
+        largest = np.array([curve.jumps(order).max(axis=1) * speed**order for order in orders])
+        for k in range(1, len(self.pieces)):
+            jumps = largest[: 1 if k in corners else None, k]
             if max(jumps[1:2], default=0.0) > _SMOOTH:
                 raise CertificateError(f"trajectory: piece {k} begins in another direction, but is no corner")
             if max(jumps[2:], default=0.0) > _SMOOTH:
                 raise CertificateError(f"trajectory: the acceleration jumps where piece {k} begins")
-            if any(jump * speed > most * after.length for jump, most in zip(jumps, _STEEP, strict=False)):
+            length = self.pieces[k].length
+            if any(jump * speed > most * length for jump, most in zip(jumps, _STEEP, strict=False)):
                 raise CertificateError(f"trajectory: piece {k} is too short for the jump where it begins")
 
-    def exceeded(
-        self,
-        squares: FloatArray,
-        pushes: FloatArray,
-        velocity: FloatArray,
-        acceleration: FloatArray,
-        jerk: FloatArray | None,
-    ) -> str | None:
-        """Return which joint exceeds its limits (n,) where, if any does.
+    def exceeded(self, claim: ClaimedTrajectory, squares: FloatArray, pushes: FloatArray) -> str | None:
+        """Return which joint exceeds the limits that are claimed, and where, if any does.
 
         In each cell the law, or its plan, is in the convex hull of pairs of ṡ² and s̈, `squares, pushes: (C, K)`.
         """
+        velocity, acceleration, jerk = claim.velocity, claim.acceleration, claim.jerk
         if jerk is not None and not self.window:
             return "the jerk is not limited"
         most = self.fastest_near(np.sqrt(squares.max(axis=1)))
         for k, fastest in enumerate(most.tolist()):
             piece, start = self.pieces[self.of[k]], self.starts[self.of[k]]
             ends = self.edges[k] - start, self.edges[k + 1] - start
-            slopes = piece.slopes(*ends)
-            bends = [piece.bend(end) for end in ends]
-            if self.window:  # ṡ² may be less than the average of those of the plan
+            slopes, bends = piece.between(1, *ends), list(piece.between(2, *ends))
+            # ṡ² may be less than the average of those of the plan.
+            if self.window:
                 bends.append(np.zeros_like(bends[0]))
             near = self.near(k, np.full(len(most), fastest))
             x, push = squares[near].reshape(-1, 1), pushes[near].reshape(-1, 1)
             slope, bend = np.maximum(-slopes[0], slopes[1]), np.abs(bends).max(axis=0)
             felt = np.max([np.abs(p * push + c * x).max(axis=0) for p in slopes for c in bends], axis=0)
             wrong = [
-                ("is faster", slope * fastest > velocity + _ABOVE[0]),
-                ("accelerates more", felt > acceleration + _ABOVE[1]),
+                ("is faster", slope * fastest > velocity + _RATES_ABOVE[0]),
+                ("accelerates more", felt > acceleration + _RATES_ABOVE[1]),
             ]
             if jerk is not None:
                 low, high = min(float(push.min()), 0.0), max(float(push.max()), 0.0)
-                jerks = np.abs(piece.third) * fastest**3 + 3 * bend * fastest * max(-low, high)
+                jerks = piece.most(3) * fastest**3 + 3 * bend * fastest * max(-low, high)
                 jerks = jerks + slope * (high - low) / self.window
-                wrong.append(("has more jerk", jerks > jerk + _ABOVE[2]))
+                wrong.append(("has more jerk", jerks > jerk + _RATES_ABOVE[2]))
             for what, joints in wrong:
                 for i in np.flatnonzero(joints):
                     return f"joint {i} {what} than its limit at {self.edges[k]:.6f} rad"

@@ -1,25 +1,22 @@
-"""A timed motion that a certificate claims, checked by plain means: limits, freedom, stops.
+"""The time law that a certificate claims, checked by plain means: limits, speeds, danger in motion, stops.
 
 **Stops.** A stop that begins in cell j (of the plan, if there is a window: the robot is later by the window at most)
 decelerates by min(b_j … b_k) in cell k. It takes longest from the end of the cell, at the largest speed there; and when
 it is in cell k, then no later than the stop from the start of cell j that ends at the end of cell k. The later of both
 over all j that get there is the latest instant τ_k at which a stop can still move in cell k. The robot must be farther
-from every limb than the clearance, and what the limb covers at its speed in the reaction time and
-in τ_k.
+from every limb than the clearance, and what the limb covers at its speed in the reaction time and in τ_k.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from fractions import Fraction
 
 import numpy as np
 
-from safe_ompl.certificates.claims import ClaimedStops, ClaimedStretch
-from safe_ompl.certificates.verifier.bodies import PlainCurve, PlainSpeeds, Separations
-from safe_ompl.certificates.verifier.danger import PlainMovingDanger, check_danger_and_tool
-from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
-from safe_ompl.certificates.verifier.polynomials import check_free, check_limits, derivatives, rounded
+from safe_ompl.certificates.claims import ClaimedStops, ClaimedTrajectory
+from safe_ompl.certificates.verifier.bodies import Budget, PlainSpeeds
+from safe_ompl.certificates.verifier.danger import PlainMovingDanger
+from safe_ompl.certificates.verifier.motion import RecordedLaw, RecordedMotion
 from safe_ompl.common import CertificateError, FloatArray
 from safe_ompl.io import schema
 from safe_ompl.robot import Robot
@@ -28,68 +25,68 @@ from safe_ompl.scene import Scene
 _ROUNDING = 1e-9
 
 
-def check_trajectory(claims: ClaimedStretch, robot: Robot, scene: Scene, separations: Separations) -> None:
-    """Raise CertificateError unless the timed motion of a certificate, if it claims one, is as claimed."""
-    claim = claims.trajectory
-    if claim is None:
-        return
-    motion = PlainMotion(claim, robot, claims.motion.ends)
-    stretches = [_stretch(k, piece) for k, piece in enumerate(motion.pieces)]
-    check_limits(robot, stretches)
-    takes = motion.duration
+def check_trajectory(
+    curve: RecordedMotion, path: RecordedMotion, robot: Robot, scene: Scene, budget: Budget
+) -> RequiredFromPeople | None:
+    """Raise CertificateError unless the time law of a curve is as claimed; return what must be kept from people.
+
+    It begins and ends where a path does. That the curve is free is checked as for every motion (`check_motion`).
+    """
+    claim = curve.claim
+    assert isinstance(claim, ClaimedTrajectory)
+    law = RecordedLaw(claim, curve, path, robot)
+    takes = law.duration
     if abs(takes - claim.duration) > _ROUNDING * takes:
         raise CertificateError(f"trajectory: it takes {takes:.6f} s, {claim.duration} s are claimed")
-    sizes, squares = np.diff(motion.edges), np.column_stack([motion.squares[:-1], motion.squares[1:]])
-    limits, pushes = (claim.velocity, claim.acceleration, claim.jerk), np.column_stack([motion.pushes] * 2)
-    failure = motion.exceeded(squares, pushes, *limits)
+    sizes, squares = np.diff(law.edges), np.column_stack([law.squares[:-1], law.squares[1:]])
+    pushes = np.column_stack([law.pushes] * 2)
+    failure = law.exceeded(claim, squares, pushes)
     if failure is not None:
         raise CertificateError(f"trajectory: {failure}")
-    budget = separations.budget
     budget.where = "the speeds of its trajectory"
     for limit, who in ((claim.tool_speed, "the tool"), (claim.link_speed, "a link")):
-        at = None if limit is None else PlainSpeeds(robot, budget).exceeded(motion, limit, tool=who == "the tool")
+        at = None if limit is None else PlainSpeeds(robot, budget).exceeded(law, limit, tool=who == "the tool")
         if at is not None:
             raise CertificateError(f"trajectory: {who} is faster than {limit:g} m/s near {at:.6f} rad")
     if claim.danger is not None:
         budget.where = "the danger of its trajectory"
-        at = PlainMovingDanger(robot, scene, claim.danger, budget).exceeded(motion)
+        at = PlainMovingDanger(robot, scene, claim.danger, budget).exceeded(law)
         if at is not None:
             bound = claim.danger.bound
             raise CertificateError(f"trajectory: the danger in motion is not below {bound:.4f} near {at:.6f} rad")
-    stops, required = claim.stops, None
-    if stops is not None:
-        if stops.brakes.shape != sizes.shape:
-            raise CertificateError(f"trajectory: {len(stops.brakes)} brakes for {len(sizes)} cells")
-        fastest, latest = visits_of_stops(motion, stops.brakes)
-        still = np.zeros(len(sizes))
-        squares = np.column_stack([squares, still, still, fastest, fastest])
-        pushes = np.column_stack([pushes, still, -stops.brakes, still, -stops.brakes])
-        failure = motion.exceeded(squares, pushes, *limits)
-        if failure is not None:
-            raise CertificateError(f"trajectory: in a stop {failure}")
-        required = RequiredFromPeople(motion, scene, stops, latest + motion.window)
-    check_free(stretches, separations, required)
-    check_danger_and_tool(claims, robot, scene, stretches, budget)
+    stops = claim.stops
+    if stops is None:
+        return None
+    if stops.brakes.shape != sizes.shape:
+        raise CertificateError(f"trajectory: {len(stops.brakes)} brakes for {len(sizes)} cells")
+    fastest, latest = visits_of_stops(law, stops.brakes)
+    still = np.zeros(len(sizes))
+    squares = np.column_stack([squares, still, still, fastest, fastest])
+    pushes = np.column_stack([pushes, still, -stops.brakes, still, -stops.brakes])
+    failure = law.exceeded(claim, squares, pushes)
+    if failure is not None:
+        raise CertificateError(f"trajectory: in a stop {failure}")
+    return RequiredFromPeople(law, scene, stops, latest + law.window)
 
 
-def visits_of_stops(motion: PlainMotion, brakes: FloatArray) -> tuple[FloatArray, FloatArray]:
+def visits_of_stops(law: RecordedLaw, brakes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return for each of the C cells the largest ṡ² with which a stop enters, and the latest instant it moves there.
 
     The instant is −inf where none gets to. A CertificateError if one is no stop or goes too far.
     """
     if not (brakes > 0).all():
         raise CertificateError("trajectory: a stop does not decelerate")
-    sizes, squares = np.diff(motion.edges), motion.squares
+    sizes, squares = np.diff(law.edges), law.squares
     fastest, latest = np.zeros(len(sizes)), np.full(len(sizes), -np.inf)
     for j in range(len(sizes)):
-        end = int(motion.ends[j])
+        end = int(law.ends[j])
         weakest = np.minimum.accumulate(brakes[j:end])
         taken = np.append(0.0, np.cumsum(2 * weakest * sizes[j:end]))  # of ṡ², from the start of j on
         top = max(squares[j], squares[j + 1])
         spare = _ROUNDING * max(top, 1e-6)
         if squares[j] > taken[-1] + spare or squares[j + 1] > taken[-1] - taken[1] + spare:
             raise CertificateError(
-                f"trajectory: a stop from {motion.edges[j]:.6f} rad goes beyond where the robot must stand"
+                f"trajectory: a stop from {law.edges[j]:.6f} rad goes beyond where the robot must stand"
             )
         reached = int(np.searchsorted(taken[1:] - taken[1], top, side="left"))
         last = min(max(reached, 1), end - j)  # cells that are reached: j … j + last
@@ -126,9 +123,9 @@ def _durations(taken: FloatArray, sizes: FloatArray) -> FloatArray:
 class RequiredFromPeople:
     """What bodies must keep from limbs of people on the pieces of a motion, where stops move until `latest: (C,)`."""
 
-    def __init__(self, motion: PlainMotion, scene: Scene, stops: ClaimedStops, latest: FloatArray) -> None:
-        self._stops, self._latest, self._pieces = stops, latest, motion.pieces
-        self._starts, self._edges = motion.starts, motion.edges.tolist()
+    def __init__(self, law: RecordedLaw, scene: Scene, stops: ClaimedStops, latest: FloatArray) -> None:
+        self._stops, self._latest, self._pieces = stops, latest, law.pieces
+        self._starts, self._edges = law.starts, law.edges.tolist()
         self._speeds = {
             schema.OBSTACLE + part: stops.speed_of(part[len(name) + 1 :])
             for name in stops.who
@@ -146,10 +143,3 @@ class RequiredFromPeople:
         if time == -np.inf:
             return 0.0
         return self._stops.clearance + self._speeds[body] * (self._stops.reaction_time + time)
-
-
-def _stretch(k: int, piece: PlainPiece) -> PlainCurve:
-    powers = [piece.start, piece.first, piece.second / 2, piece.third / 6]
-    scaled = np.array([piece.length**order * power for order, power in enumerate(powers)])
-    points = derivatives(scaled, Fraction(1))[0]
-    return PlainCurve(f"piece {k} of the trajectory", points, rounded(points))

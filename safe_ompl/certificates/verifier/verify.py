@@ -7,7 +7,7 @@ queries, no displacement radii, no field kernels. From the models come only robo
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from math import isclose
 from pathlib import Path
@@ -15,14 +15,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.certificates.claims import Certificate, ClaimedStretch, ProgramCertificate, at_most
+from safe_ompl.certificates.claims import Certificate, ClaimedStretch, at_most, malformed_refused
 from safe_ompl.certificates.verifier.bodies import Budget, Separations
-from safe_ompl.certificates.verifier.polynomials import RecordedMotion, check_polynomials
+from safe_ompl.certificates.verifier.motion import RecordedMotion
+from safe_ompl.certificates.verifier.polynomials import check_motion
+from safe_ompl.certificates.verifier.program import AllowedChanges, RecordedCell
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
-from safe_ompl.common import CertificateError, InputError, documents as document, files, notebook_html, number
+from safe_ompl.common import CertificateError, InputError, IntArray, documents as document, notebook_html, number
 from safe_ompl.io import built_robot, built_scene, schema
 from safe_ompl.robot import Robot, robot_hash
-from safe_ompl.scene import Program, Scene
+from safe_ompl.scene import Scene, Step
 
 TIME = 600.0  # [s] that verification may take by default
 
@@ -64,17 +66,17 @@ def verify(
     package_dirs: Sequence[Path] = (),
     time: float = TIME,
 ) -> Verified:
-    """Check a certificate: that what it claims holds of the whole motion.
+    """Check a certificate: that what it claims holds of every motion in it, and that several are one motion.
 
     Parameters
     ----------
     content : mapping
         The certificate.
     robot : Robot, optional
-        The robot that it must be about; default: built from what the certificate carries, and then the certificate says
-        nothing of any other robot.
+        The robot that it must begin with; default: built from what the certificate carries, and then the certificate
+        says nothing of any other robot.
     scene : Scene, optional
-        The scene that it must be about; default: the one that it carries.
+        The scene that it must begin with; default: the one that it carries.
     terms : Terms, optional
         What its claims must agree with: options of the danger, limits of the motion, people; `terms_of` makes them.
         Without any, claims are checked as they are; their sentences say what they are.
@@ -86,24 +88,39 @@ def verify(
     Raises
     ------
     CertificateError
-        If anything in it does not hold: says what, and where.
+        If anything in it does not hold: says what, and where, with the number of the stretch where there are several.
     InputError
         If it is no certificate, its robot cannot be built, or the time is not positive.
     """
     budget = Budget(number("time", time, above=0.0, kind="number of seconds"))
     with malformed_refused():
         claims = Certificate.read(content)
-        about = origin(claims, robot, scene, package_dirs)
-        if terms is not None:
-            terms.check(claims)
-        counts = proven(claims, about.robot, about.scene, budget)
-        check_digest(claims.digest, content)
-        lacking = () if claims.also_sampled is None else (claims.also_sampled,)
+        about = _origin(claims, robot, scene, package_dirs)
+        cell, last, counts = RecordedCell(about.robot, about.scene), None, np.zeros(3, dtype=int)
+        steps = None if terms is None else terms.steps
+        allowed = None if steps is None else AllowedChanges(steps, about.robot)
+        for k, stretch in enumerate(claims.stretches):
+            with _naming(k, len(claims.stretches)):
+                with document.within("motion"):
+                    stretch.motion.check_for(about.robot, about.scene)
+                last = RecordedMotion(stretch.motion, last)
+                last.check_joined()
+                cell.change(stretch, last.begin[0])
+                if allowed is not None:
+                    allowed.check(stretch, cell.held)
+                if terms is not None:
+                    terms.check(stretch)
+                counts += _proven(stretch, *cell.during(stretch.contacts), last, budget)
+        _check_digest(claims.digest, content)
+        edges, intervals, distances = counts.tolist()
+        sampled = () if claims.also_sampled is None else (claims.also_sampled,)
         return Verified(
-            *counts,
+            edges,
+            intervals,
+            distances,
             claims=claims.sentences(about.words),
             not_claimed=claims.not_claimed,
-            not_covered=(*not_covered(about.robot, about.scene), *lacking),
+            not_covered=(*_not_covered(about.robot, about.scene), *sampled),
             robot=about.robot.name,
             obstacles=about.scene.names,
             own=about.own,
@@ -111,14 +128,14 @@ def verify(
 
 
 @contextmanager
-def malformed_refused() -> Iterator[None]:
-    """Turn whatever else a malformed certificate brings about into CertificateError."""
+def _naming(stretch: int, count: int) -> Iterator[None]:
+    """Put the number of a stretch, if there are several, before every error."""
+    place = f"stretch {stretch}" if count > 1 else ""
     try:
-        yield
-    except files.MALFORMED as error:
-        if isinstance(error, InputError):
-            raise
-        raise CertificateError(f"it is malformed: {type(error).__name__}: {error}") from None
+        with document.within(place, ": ") if place else nullcontext(), malformed_refused():
+            yield
+    except CertificateError as error:
+        raise CertificateError(f"{place}: {error}" if place else str(error)) from None
 
 
 class Origin(NamedTuple):
@@ -134,9 +151,7 @@ class Origin(NamedTuple):
         return f", for the {' and the '.join(self.own)} that the file itself carries" if self.own else ""
 
 
-def origin(
-    claims: Certificate | ProgramCertificate, robot: Robot | None, scene: Scene | None, package_dirs: Sequence[Path]
-) -> Origin:
+def _origin(claims: Certificate, robot: Robot | None, scene: Scene | None, package_dirs: Sequence[Path]) -> Origin:
     """Return robot and scene, those that the file carries where none are given; what it says of them must agree."""
     with document.within("scene"):
         carried = built_scene(claims.scene)
@@ -152,26 +167,27 @@ def origin(
     return Origin(robot, scene, own)
 
 
-def proven(
-    claims: ClaimedStretch, robot: Robot, scene: Scene, budget: Budget, motion: RecordedMotion | None = None
-) -> tuple[int, int, int]:
-    """Return the number of pieces, parts and distances that the proof of all that is claimed of a motion took."""
+def _proven(claims: ClaimedStretch, robot: Robot, scene: Scene, motion: RecordedMotion, budget: Budget) -> IntArray:
+    """Return the number of pieces, parts and distances that the proof of all that is claimed of a stretch took."""
     claims.check_for(robot, scene)
     # Numbers that are too large to be compared would satisfy no limit and violate none.
     with np.errstate(over="raise"):
         separations = Separations(robot, scene, claims, budget)
-        found = check_polynomials(claims, robot, scene, separations, motion or RecordedMotion(claims.motion))
-        check_trajectory(claims, robot, scene, separations)
-    return len(claims.motion.coefficients), *found
+        found = check_motion(claims, robot, scene, separations, motion)
+        if claims.trajectory is not None:
+            curve = RecordedMotion(claims.trajectory)
+            required = check_trajectory(curve, motion, robot, scene, budget)
+            found += check_motion(claims, robot, scene, separations, curve, required)
+    return found
 
 
-def check_digest(said: str, content: Mapping[str, Any]) -> None:
+def _check_digest(said: str, content: Mapping[str, Any]) -> None:
     """Raise CertificateError unless a file is as it was written."""
     if said != schema.digest(content):
         raise CertificateError("every claim holds, but the file is not as it was written: its digest differs")
 
 
-def not_covered(robot: Robot, scene: Scene) -> list[str]:
+def _not_covered(robot: Robot, scene: Scene) -> list[str]:
     """Return of what nothing is proven: links without collision geometry, contacts that robot and scene allow."""
     lacking = sorted(robot.links_without_collision)
     held = [(item.touch_links, item.name, item.touch_depth) for item in robot.attached if item.touch_links]
@@ -186,7 +202,7 @@ def not_covered(robot: Robot, scene: Scene) -> list[str]:
     ]
 
 
-def _check_origin(claims: Certificate | ProgramCertificate, robot: Robot, scene: Scene) -> None:
+def _check_origin(claims: Certificate, robot: Robot, scene: Scene) -> None:
     if claims.joint_names != tuple(robot.joint_names):
         raise CertificateError(f"joint order: it has {list(claims.joint_names)}, the robot {list(robot.joint_names)}")
     if claims.robot.hash != robot_hash(robot):
@@ -216,7 +232,8 @@ class Terms:
     max_danger: float | None = None  # The limit of the danger in motion
     # `who`, `speed`, `speeds`, `reaction_time` and `clearance`, as in `ClaimedStops`; empty where there are no people
     stops: Mapping[str, Any] | None = None
-    program: Program | None = None  # What may change hands, and which contacts are allowed
+    # The steps of a program, which say what may change hands, and which contacts are allowed
+    steps: Sequence[Step] | None = None
 
     def check(self, claims: ClaimedStretch) -> None:
         """Raise CertificateError, naming what differs, unless everything that is claimed agrees."""

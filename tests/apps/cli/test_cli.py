@@ -188,7 +188,7 @@ def test_a_certificate_is_verified(run, folder):
     assert (status, err) == (0, "")
     carried = "for the robot and the scene that the file itself carries"
     assert out.startswith(f"proof.json: every motion is free, {carried}: ")
-    danger = content["danger"]
+    danger = content["stretches"][0]["danger"]
     kind = f"{danger['aggregate']}, {danger['weighting']}, k1 {danger['k1']:g}, points {danger['spacing']:g} m apart"
     said = re.search(rf"danger at most (\S+) \({re.escape(kind)}\)", out)
     assert said is not None, out

@@ -140,8 +140,9 @@ def test_what_the_scenario_says_otherwise_is_refused(call, beside, old, new, mes
 
 def test_danger_in_motion_is_compared_even_if_the_path_claims_none(call, beside):
     def weaker(content):
-        content["danger"] = None
-        content["trajectory"]["danger"]["k1"] = 1e-6
+        (stretch,) = content["stretches"]
+        stretch["danger"] = None
+        stretch["trajectory"]["danger"]["k1"] = 1e-6
 
     name = changed("time.json", weaker)
     assert call("verify", name)[0] == 0, "it says itself of what kind it is"
