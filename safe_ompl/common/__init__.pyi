@@ -11,7 +11,27 @@ from .compilation import (
     part as part,
     until_ctrl_c as until_ctrl_c,
 )
-from .documents import Section as Section, key as key, within as within
+from .documents import (
+    RATE_BOUNDS as RATE_BOUNDS,
+    BoolArray as BoolArray,
+    FloatArray as FloatArray,
+    IntArray as IntArray,
+    Section as Section,
+    configuration as configuration,
+    configurations as configurations,
+    finite_array as finite_array,
+    flag as flag,
+    float_array as float_array,
+    fraction as fraction,
+    instance as instance,
+    key as key,
+    motion_ends as motion_ends,
+    number as number,
+    seed as seed,
+    shaped_configuration as shaped_configuration,
+    whole_number as whole_number,
+    within as within,
+)
 from .errors import (
     CertificateError as CertificateError,
     CollisionError as CollisionError,
@@ -20,32 +40,19 @@ from .errors import (
     SafeOmplError as SafeOmplError,
     StaleSceneError as StaleSceneError,
     UnknownNameError as UnknownNameError,
-    pass_on as pass_on,
-    warn_once as warn_once,
-)
-from .inputs import (
-    RATE_BOUNDS as RATE_BOUNDS,
-    BoolArray as BoolArray,
-    FloatArray as FloatArray,
-    IntArray as IntArray,
-    configuration as configuration,
-    configurations as configurations,
-    finite_array as finite_array,
-    flag as flag,
-    float_array as float_array,
-    fraction as fraction,
-    halton_point as halton_point,
-    instance as instance,
     listed as listed,
-    motion_ends as motion_ends,
-    number as number,
-    seed as seed,
-    shaped_configuration as shaped_configuration,
+    pass_on as pass_on,
     shown as shown,
     told_apart as told_apart,
-    whole_number as whole_number,
+    warn_once as warn_once,
 )
 from .machine_code import origin as origin
-from .models import Changes as Changes, Counts as Counts, PerThread as PerThread, notebook_html as notebook_html
+from .models import (
+    Changes as Changes,
+    Counts as Counts,
+    PerThread as PerThread,
+    halton_point as halton_point,
+    notebook_html as notebook_html,
+)
 from .stack import stack_array as stack_array
 from .workers import in_order as in_order

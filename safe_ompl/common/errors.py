@@ -17,6 +17,25 @@ def cut(text: str) -> str:
     return line if len(line) <= _SHOWN else f"{line[:_SHOWN]}…"
 
 
+def shown(value: Any) -> str:
+    """Return how a value reads in a message: its `repr` on one line, cut where it is long."""
+    return cut(repr(value))
+
+
+def listed(names: Iterable[object]) -> str:
+    """Return names with commas between them, cut where they are long."""
+    return cut(", ".join(map(str, names)))
+
+
+def told_apart(value: float, *others: float) -> tuple[str, ...]:
+    """Return numbers for a message, the first with as many digits as tell it from the others."""
+    for digits in range(6, 18):
+        digits_of = tuple(f"{number:.{digits}g}" for number in (value, *others))
+        if digits_of[0] not in digits_of[1:]:
+            break
+    return digits_of
+
+
 class SafeOmplError(Exception):
     """Base class of all errors that safe_ompl raises on purpose."""
 
@@ -38,7 +57,7 @@ class UnknownNameError(InputError):
     def __init__(self, kind: str, name: object, known: Iterable[str], source: str | None = None) -> None:
         known = tuple(known)
         hint = did_you_mean(name, known)
-        super().__init__(f"unknown {kind} {cut(repr(name))}; {hint}known: {', '.join(known) or '(none)'}", source)
+        super().__init__(f"unknown {kind} {shown(name)}; {hint}known: {', '.join(known) or '(none)'}", source)
         self._arguments = (kind, name, known, source)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -28,9 +28,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from safe_ompl.common import inputs
-from safe_ompl.common.documents import kind_of, within
-from safe_ompl.common.errors import InputError, cut
+from safe_ompl.common.documents import described, within
+from safe_ompl.common.errors import InputError, cut, shown
 
 if TYPE_CHECKING:
     _Loader = yaml.SafeLoader
@@ -114,7 +113,7 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         names = [name for name, _ in pairs]
-        raise InputError("is there twice", inputs.shown(next(key for key in names if names.count(key) > 1)))
+        raise InputError("is there twice", shown(next(key for key in names if names.count(key) > 1)))
     return found
 
 
@@ -165,9 +164,9 @@ def _after_name(item: yaml.Node, rest: str) -> str:
     """Return `rest` without the name of a list's item, which messages put behind its number, and the dot."""
     entries = item.value if isinstance(item, yaml.MappingNode) else []
     for name in (str(value.value) for key, value in entries if key.value == "name"):
-        for shown in (f" {name!r}", f" {name}"):
-            if rest.startswith(shown):
-                return rest[len(shown) :].removeprefix(".")
+        for written in (f" {name!r}", f" {name}"):
+            if rest.startswith(written):
+                return rest[len(written) :].removeprefix(".")
     return rest.removeprefix(".")
 
 
@@ -186,7 +185,7 @@ def parse_document(content: str) -> dict[str, Any]:
     if data is None:
         return {}
     if not isinstance(data, dict):
-        raise InputError(f"must be a mapping of keys to values, got {kind_of(data)}")
+        raise InputError(f"must be a mapping of keys to values, got {described(data)}")
     return data
 
 

@@ -1,4 +1,4 @@
-"""What models share: counters of their work, memory for each thread, detection of changes; what notebooks show."""
+"""What models share: counters of work, memory for each thread, detection of changes, a sequence; notebooks."""
 
 from __future__ import annotations
 
@@ -9,7 +9,12 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, fields
 from html import escape
 from importlib import import_module
+from itertools import count, islice
 from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from safe_ompl.common.documents import FloatArray
 
 _Memory = TypeVar("_Memory")
 
@@ -103,3 +108,21 @@ def _cells(line: str) -> str:
     if not rest:
         return f'<td colspan="2" {left}>{escape(line.strip())}</td>'
     return f"<th {left}>{escape(head.strip())}</th><td {left}>{escape(rest)}</td>"
+
+
+def halton_point(index: int, dimension: int) -> FloatArray:
+    """Return point number `index` ≥ 1 of Halton's sequence in [0, 1)ⁿ, which fills the cube evenly.
+
+    Its i-th coordinate is the radical inverse of the index in the i-th prime: the digits mirrored at the point.
+    """
+    primes = (number for number in count(2) if all(number % divisor for divisor in range(2, number)))
+    return np.array([_radical_inverse(index, prime) for prime in islice(primes, dimension)])
+
+
+def _radical_inverse(index: int, base: int) -> float:
+    inverse, place = 0.0, 1.0
+    while index:
+        index, digit = divmod(index, base)
+        place /= base
+        inverse += digit * place
+    return inverse

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common.inputs import FloatArray
+from safe_ompl.common.documents import FloatArray
 
 EPS = float(np.finfo(np.float64).eps)
 _CLOSE = 1e-9  # of the largest coefficient: how near a proven maximum is to a value that is taken

@@ -15,8 +15,8 @@ from statistics import median
 from time import perf_counter
 from typing import Any, TypeVar
 
+from safe_ompl.common.documents import whole_number
 from safe_ompl.common.errors import InputError, pass_on
-from safe_ompl.common.inputs import whole_number
 
 _Task = TypeVar("_Task")
 _Outcome = TypeVar("_Outcome")

@@ -293,7 +293,7 @@ def _from_document(
 def motion_of_document(content: Any) -> Motion:
     """Return the motion that JSON or YAML holds, or raise InputError; see `read_motion`."""
     if not isinstance(content, Mapping):
-        raise InputError(f"{_EXPECTED}, got {document.kind_of(content)}")
+        raise InputError(f"{_EXPECTED}, got {document.described(content)}")
     if "format" in content:
         return _from_own(content, kind_of(content))
     for key in ("trajectory", "joint_trajectory"):

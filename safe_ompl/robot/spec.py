@@ -105,7 +105,7 @@ def find_example(name: str) -> ExampleRobot:
 
 def _path(name: str, value: Any) -> Path:
     if not isinstance(value, (str, Path)):
-        raise InputError(f"must be a file name, got {document.kind_of(value)}", name)
+        raise InputError(f"must be a file name, got {document.described(value)}", name)
     return (document.folder_of_document() / value).resolve()
 
 
