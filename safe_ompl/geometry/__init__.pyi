@@ -16,6 +16,7 @@ from .obstacle import Obstacle as Obstacle, check_number as check_number
 from .person import LIMBS as LIMBS, STANDING as STANDING, Limb as Limb, Person as Person
 from .pose import (
     LONGEST as LONGEST,
+    POSE_KEYS as POSE_KEYS,
     Pose as Pose,
     PoseLike as PoseLike,
     placed as placed,

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.common import InputError, documents as document, shown
 from safe_ompl.geometry.cloud import PointCloud
 from safe_ompl.geometry.person import Person, with_own_keypoints
-from safe_ompl.geometry.pose import Pose, placed
+from safe_ompl.geometry.pose import POSE_KEYS, Pose, placed
 from safe_ompl.geometry.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from safe_ompl.geometry.surfaces import Triangles
 
@@ -24,8 +24,7 @@ SHAPES: dict[str, type[Shape]] = {
     shape.kind: shape for shape in (Box, Sphere, Cylinder, Capsule, Mesh, PointCloud, Person)
 }
 MOST_DANGER_POINTS = 1_000_000  # of a scene; a setup takes seconds for as many
-_POSE_KEYS = ("position", "quaternion_xyzw", "rpy", "yaw")
-_KEYS = ("name", *SHAPES, *_POSE_KEYS, "weight", "color", "touched_by")
+_KEYS = ("name", *SHAPES, *POSE_KEYS, "weight", "color", "touched_by")
 
 
 @dataclass(frozen=True, init=False)

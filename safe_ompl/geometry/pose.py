@@ -21,6 +21,9 @@ _FULL_TURN = 6.3  # [rad] more is taken for degrees, and said
 _ROUNDING = 1e-12  # a quaternion this close to unit length is left as it is
 _NORM_TOLERANCE = 1e-3  # one this close is brought to unit length; one farther off is a mistake
 _NO_TURN = (0.0, 0.0, 0.0, 1.0)
+_TURNS = ("quaternion_xyzw", "rpy", "yaw")
+POSE_KEYS = ("position", *_TURNS)
+"""Keys of a pose in a document, with at most one of the orientations."""
 
 # Rotations whose cosine is below this take their logarithm from `pin.log3`: the sine alone would lose digits there.
 _NEAR_HALF_TURN = -0.9
@@ -82,7 +85,7 @@ class Pose:
             return value
         if isinstance(value, Mapping):
             with document.within(key):
-                document.check_keys(value, ("position", "quaternion_xyzw", "rpy", "yaw"))
+                document.check_keys(value, POSE_KEYS)
                 return cls.from_mapping(value)
         if isinstance(value, pin.SE3):
             matrix = np.array(value.homogeneous)
@@ -109,7 +112,7 @@ class Pose:
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Pose:
         """Read `position` and at most one of `quaternion_xyzw`, `rpy` and `yaw` from a document."""
-        turns = [key for key in ("quaternion_xyzw", "rpy", "yaw") if key in data]
+        turns = [key for key in _TURNS if key in data]
         if len(turns) > 1:
             raise InputError(f"give only one of {' and '.join(turns)}", turns[1])
         position = document.numbers("position", data.get("position", (0.0, 0.0, 0.0)), 3)

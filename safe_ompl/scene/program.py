@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from safe_ompl.common import InputError, Section, documents as document, key
-from safe_ompl.geometry import Pose
+from safe_ompl.geometry import POSE_KEYS, Pose
 from safe_ompl.robot import GoalRegion
 from safe_ompl.scene.constraints import Configuration, pairs_of_names, read_configuration
 
 CONTACT_DEPTH = 0.001
 """How deep contacts that a step allows may be, unless it says `depth` [m]."""
-_POSE = ("position", "quaternion_xyzw", "rpy", "yaw")
 
 
 @dataclass(frozen=True)
@@ -71,9 +70,9 @@ class _Target(_Contact):
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path | None = None) -> _Target:
         """Read the step; the keys of a pose are its own."""
-        rest = {name: value for name, value in data.items() if name not in _POSE}
+        rest = {name: value for name, value in data.items() if name not in POSE_KEYS}
         if len(rest) < len(data):
-            rest["pose"] = Pose.from_mapping({name: data[name] for name in _POSE if name in data})
+            rest["pose"] = Pose.from_mapping({name: data[name] for name in POSE_KEYS if name in data})
         return super().from_mapping(rest, folder)
 
     def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:

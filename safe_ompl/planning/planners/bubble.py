@@ -34,6 +34,8 @@ class BubblePlanner(SafePlanner):
 
     Parameters
     ----------
+    range : float >= 0, default 0.0 [rad]
+        What `slide` is measured in; 0 takes 7.5 % of the space's extent.
     alpha : float >= 0, default 1.0
         Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations. With α = 0 the search is the
         classical one.

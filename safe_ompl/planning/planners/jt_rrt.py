@@ -40,6 +40,8 @@ class SafeJTRRT(SafePlanner):
 
     Parameters
     ----------
+    range : float >= 0, default 0.0 [rad]
+        Largest length of one random extension, before it moves sideways; 0 takes 7.5 % of the space's extent.
     alpha : float >= 0, default 1.0
         Weight of danger α, as for `SafeRRTConnect`. It also weighs the danger in the choice of the node from which to
         go to the goal; there the distance is the tip's, and a radian counts as many metres as it typically moves the

@@ -40,6 +40,8 @@ class PaperSafeRRTConnect(SafePlanner):
 
     Parameters
     ----------
+    range : float >= 0, default 0.0 [rad]
+        Largest length of one extension; 0 takes 7.5 % of the space's extent.
     alpha : float >= 0, default 1.0
         Weight of danger α, as length per danger.
     iterations : int >= 0, default 0
@@ -173,6 +175,8 @@ class PaperSafeJTRRT(SafePlanner):
 
     Parameters
     ----------
+    range : float >= 0, default 0.0 [rad]
+        Largest length of one random extension; 0 takes 7.5 % of the space's extent.
     alpha : float >= 0, default 1.0
         Weight of danger α, as length per danger, in rad and in metres alike.
     goal_bias : float >= 0, <= 1, default 0.05

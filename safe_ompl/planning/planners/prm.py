@@ -39,6 +39,8 @@ class SafePRM(SafePlanner):
 
     Parameters
     ----------
+    range : float >= 0, default 0.0 [rad]
+        What `slide` and penalties are measured in; 0 takes 7.5 % of the space's extent.
     alpha : float >= 0, default 5.0
         Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations: at 1, as much danger as a
         typical step of 1 rad adds is worth a detour of 1 rad. 0 plans classically.

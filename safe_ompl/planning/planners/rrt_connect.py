@@ -22,6 +22,8 @@ class SafeRRTConnect(SafePlanner):
 
     Parameters
     ----------
+    range : float >= 0, default 0.0 [rad]
+        Largest length of one extension, before it moves sideways; 0 takes 7.5 % of the space's extent.
     alpha : float >= 0, default 1.0
         Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations: at 1, nodes that differ in
         danger as much as a typical step of 1 rad changes it are set 1 rad apart. 0 plans classically.
