@@ -33,6 +33,9 @@ class Ompl:
         self._setup = og.SimpleSetup(space)
         model, geometry = self._world.model, self._world.geometry
         data, contacts = model.createData(), pin.GeometryData(geometry)
+        # Without contacts coal misses some overlaps of cylinders.
+        for request in contacts.collisionRequests:
+            request.enable_contact = True
 
         def valid(state: Any) -> bool:
             q = np.array([state[k] for k in range(n)])
