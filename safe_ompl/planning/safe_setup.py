@@ -382,6 +382,10 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
             self.query.explain_missing_goal()
             if (wrong := self.query.forget_wrong()) is not None:
                 raise PlanningError(f"{self.getPlanner().getName()} returned a path that {wrong}")
+            if self.query.forget_nan():
+                name = self.getPlanner().getName()
+                _log.warning("%s: the path is forgotten, as the objective is NaN on it", name)
+                return ob.PlannerStatus(ob.PlannerStatus.TIMEOUT)
             return status
         except BaseException:
             self.getProblemDefinition().clearSolutionPaths()
@@ -584,6 +588,9 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         if self.getConstraints().user is not None and not self.is_free(self.solution()):
             # Samples of a motion are not those of its parts: a check of the user's own may refuse these after all.
             _log.info("the simplified path is refused; the solution stays as it was")
+            self.set_solution(path)
+        if self.query.forget_nan():
+            _log.info("the objective is NaN on the simplified path; the solution stays as it was")
             self.set_solution(path)
         self._simplification_time = perf_counter() - begin
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 from weakref import proxy
 
@@ -11,11 +12,13 @@ import numpy as np
 from ompl import base as ob, geometric as og
 
 from safe_ompl.common import CollisionError, FloatArray, InputError, PlanningError
-from safe_ompl.planning.ompl import WorkspaceGoal, states_of
+from safe_ompl.planning.ompl import DangerObjective, WorkspaceGoal, states_of
 from safe_ompl.planning.planners import SafePlanner, accepts
 from safe_ompl.robot import Robot, ScratchState
 
 _log = logging.getLogger(__name__)
+
+_NEVER_NAN = DangerObjective, ob.PathLengthOptimizationObjective
 
 END_TOLERANCE = 1e-6  # [rad or m] in joint space
 
@@ -145,8 +148,14 @@ class StartAndGoals:
             )
         if not self._definition.getStartStateCount():
             raise InputError("no start is set: call setConfigurations, setStartConfiguration or addStartState")
-        if isinstance(planner, og.SORRTstar) and self._definition.isTrivial():
-            raise InputError("OMPL's SORRTstar never ends where the start is the goal; take InformedRRTstar")
+        if isinstance(planner, og.SORRTstar):
+            if self._definition.isTrivial():
+                raise InputError("OMPL's SORRTstar never ends where the start is the goal; take InformedRRTstar")
+            if self._may_be_nan:
+                raise InputError(
+                    "OMPL's SORRTstar never ends once a path costs NaN, as by an objective of your own it may; take "
+                    "InformedRRTstar"
+                )
 
     def check_ends(self, path: FloatArray, name: str) -> None:
         """Raise a PlanningError if the path (N, n) of a planner is not from a start to the goal."""
@@ -218,6 +227,29 @@ class StartAndGoals:
         if objection is not None:
             self._definition.clearSolutionPaths()
         return objection
+
+    def forget_nan(self) -> bool:
+        """Forget the solution if the objective is NaN on it, as it may be of what is forbidden; return whether it is.
+
+        What planners compare with NaN is never better and never worse, so they may keep such a path.
+        """
+        if not (self._may_be_nan and self._definition.hasSolution()):
+            return False
+        objective, bridge = self._definition.getOptimizationObjective(), self._setup.bridge
+        path = bridge.way_points(self._definition.getSolutionPath())
+        first, second = self._scratch, ScratchState(bridge)
+        costs = [objective.stateCost(first.set(q)) for q in path]
+        costs += [objective.motionCost(first.set(a), second.set(b)) for a, b in pairwise(path)]
+        wrong = any(np.isnan(cost.value() if isinstance(cost, ob.Cost) else cost) for cost in costs)
+        if wrong:
+            self._definition.clearSolutionPaths()
+        return wrong
+
+    @property
+    def _may_be_nan(self) -> bool:
+        """Whether costs are those of an objective of the user's own."""
+        objective = self._definition.getOptimizationObjective()
+        return objective is not None and not isinstance(objective, _NEVER_NAN)
 
     def _now(self) -> Asked:
         definition, si = self._definition, self._setup.getSpaceInformation()

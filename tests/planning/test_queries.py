@@ -1,5 +1,7 @@
 """A setup that has solved one query answers the next one, whichever planner and however it is asked."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from ompl import base as ob, geometric as og
@@ -23,6 +25,7 @@ from safe_ompl.planning.simplification import Curve
 PLANNERS = [name for name in planner_names() if not needs_place(name) and not name.startswith("Paper")]
 OPTIMISING = ("RRTstar", "InformedRRTstar", "SORRTstar", "BITstar")  # these use all of their time
 OTHER_START = np.array([0.05, 0.05, 0.0])
+SHARES = np.linspace(0, 1, 20)
 MOTION = np.array([0.4, 0.2, -0.15])
 OTHER_MOTION = np.array([0.5, 0.15, -0.1])
 FAR = Obstacle("far", Box((0.1, 0.1, 0.1)), Pose((20.0, 0.0, 0.0)))
@@ -227,3 +230,46 @@ def test_a_path_to_another_goal_does_not_leave_the_setup():
         setup.solve(1.0)
     setup.getProblemDefinition().addSolutionPath(path, False, 0.0, "nobody")
     assert not setup.haveSolutionPath(), "nor is it taken from elsewhere"
+
+
+# ------------------------------------------------------------------------------------- objectives that are no number
+
+
+class NanSomewhere(ob.OptimizationObjective):
+    """Length, and NaN of states, motions or both that are nearer to a place than a radius."""
+
+    def __init__(self, si, place, radius, of):
+        super().__init__(si)
+        self.place, self.radius, self.of = place, radius, of
+
+    def near(self, q):
+        return np.linalg.norm(q - self.place) < self.radius
+
+    def stateCost(self, state):
+        return ob.Cost(np.nan if "states" in self.of and self.near(np.array(state[0:3])) else 1.0)
+
+    def motionCost(self, start, end):
+        a, b = np.array(start[0:3]), np.array(end[0:3])
+        nan = "motions" in self.of and any(self.near(a + t * (b - a)) for t in SHARES)
+        return ob.Cost(np.nan if nan else float(np.linalg.norm(b - a)))
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.parametrize("of", ["states", "motions"])
+@pytest.mark.parametrize("radius", [0.1, 50.0])
+def test_no_path_leads_through_what_the_objective_calls_nan(name, of, radius):
+    setup, start = build()
+    objective = NanSomewhere(setup.getSpaceInformation(), start + 0.5 * MOTION, radius, of)
+    setup.setOptimizationObjective(objective)
+    if name == "SORRTstar":
+        with pytest.raises(InputError, match="never ends once a path costs NaN"):
+            setup.plan(name, time=0.1)
+        return
+    for simplify in (False, 0.05):
+        result = setup.plan(name, time=0.1, seed=1, simplify=simplify)
+        assert bool(result) == setup.haveSolutionPath() == (result.path is not None)
+        assert radius == 0.1 or not result
+        if result and "states" in of:
+            assert not any(objective.near(q) for q in result.path)
+        if result and "motions" in of:
+            assert not any(objective.near(a + t * (b - a)) for a, b in pairwise(result.path) for t in SHARES)
