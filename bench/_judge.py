@@ -9,19 +9,20 @@ from __future__ import annotations
 import re
 import zlib
 from base64 import b64decode
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from math import inf, sqrt
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
 from bench._plain import PlainGeometry
-from safe_ompl import DangerField, KinetostaticField, Robot, Scene
+from safe_ompl import DangerField, KinetostaticField, Obstacle, Pose, Robot, Scene
 from safe_ompl.common import FloatArray
 from safe_ompl.robot import Attachment
 
@@ -30,7 +31,11 @@ INSTANTS, BEGINS, STOPS = 150, 10, 25  # of a motion, of stops, and of one stop
 ROUNDING = 1e-5
 N = r"(-?[\d.]+(?:e[+-]?\d+)?|inf)"
 SENTENCES = {
-    "free": r"every motion is free(, for the (robot|scene|robot and the scene) that the file itself carries)?",
+    "free": r"every motion (?:of (\d+) stretches )?is free(, for the (?:robot|scene|robot and the scene) that the file "
+    r"itself carries)?",
+    "joined": rf"they are one (motion|path)(?: of {N} s, (without jumps of velocity))?"
+    r"(?:, \d+ stretches of which are not in time)?",
+    "nothing else": r"nothing else touches, but what is held and the links that do not move against its tip",
     "danger": rf"danger at most {N} \((max|mean|softmax)(?: of sharpness {N})?, (unit|length), k1 {N}, "
     rf"points {N} m apart(?: where the scene has them)?\)",
     "clearance": rf"at least {N} mm from (.*)",
@@ -52,6 +57,10 @@ SENTENCES = {
     "rates": r"the joints within velocities of \((.*?)\)(?:, accelerations of \((.*?)\))?(?:, jerks of \((.*?)\))? "
     r"\[rad or m, s\]",
 }
+
+
+HOLDS = re.compile(r"(\S+) holds (\S+), where it took it(?:, in stretch(?:es)? (.*))?")
+TOUCHES = re.compile(rf"(.*) may touch (\S+), no deeper than {N} mm(?:, in stretch(?:es)? (.*))?")
 
 
 def numbers(text: str) -> FloatArray:
@@ -76,6 +85,30 @@ def read(claims: tuple[str, ...]) -> dict[str, tuple[Any, ...]] | None:
         assert match is not None
         found[kinds[0]] = match.groups()
     return found
+
+
+def numbered(text: str | None) -> list[int]:
+    """Return the numbers of a list of stretches such as "2 to 4, 6"; 0 where none are named."""
+    runs = [part.split(" to ") for part in (text or "0").split(", ")]
+    return [k for run in runs for k in range(int(run[0]), int(run[-1]) + 1)]
+
+
+Pairs: TypeAlias = dict[tuple[str, str], float]
+
+
+def handled(claims: tuple[str, ...]) -> tuple[tuple[str, ...], dict[int, dict[str, str]], dict[int, Pairs]]:
+    """Return sentences of other kinds, which tip holds what on which stretch, and which pair may touch how deep [m]."""
+    rest, holds, touches = list[str](), defaultdict[int, dict[str, str]](dict), defaultdict[int, Pairs](dict)
+    for sentence in claims:
+        if match := HOLDS.fullmatch(sentence):
+            for k in numbered(match[3]):
+                holds[k][match[2]] = match[1]
+        elif match := TOUCHES.fullmatch(sentence):
+            for k in numbered(match[4]):
+                touches[k] |= dict.fromkeys(product(match[1].split(" and "), [match[2]]), float(match[3]) / 1e3)
+        else:
+            rest.append(sentence)
+    return tuple(rest), holds, touches
 
 
 # ------------------------------------------------------------------------------------------ what a file carries
@@ -198,14 +231,17 @@ class Judge:
     ----------
     robot, scene
         What they are about.
-    people, danger, limits
-        What a user asks for: speeds and so on of people, options of the danger, and limits of joints; none where what
-        the sentences say is enough.
+    terms
+        What a user asks for: speeds and so on of people, options of the danger, limits of joints, and, under
+        `contacts`, which pairs may touch how deep [m]; none where what the sentences say is enough.
+    touching
+        Which pairs may touch, and how deep [m].
     """
 
     robot: Robot
     scene: Scene
     terms: Mapping[str, Any] = field(default_factory=dict)
+    touching: Pairs = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         plain = PlainGeometry(self.robot, self.scene)
@@ -214,17 +250,74 @@ class Judge:
 
     def true(self, claims: tuple[str, ...], content: Mapping[str, Any], own: tuple[str, ...]) -> bool:
         """Return whether what is said of the path of a certificate is true, and about what it should be."""
-        said = read(claims)
+        rest, holds, touches = handled(claims)
+        said, stretches = read(rest), content["stretches"]
         if said is None or "free" not in said:
             return False
         about = f", for the {' and the '.join(own)} that the file itself carries" if own else None
-        if said["free"][0] != about:
+        if said["free"] != (None if len(stretches) == 1 else str(len(stretches)), about):
             return False
-        (stretch,) = content["stretches"]
-        if "motion" not in said or not self._polynomials(said, stretch["motion"]):
+        if ("motion" in said) != (len(stretches) == 1) or ("joined" in said) == ("motion" in said):
             return False
-        if "timed" not in said:
-            return True
+        if any(touches.values()) != ("nothing else" in said):
+            return False
+        asked = self.terms.get("contacts")
+        pairs = [item for of in touches.values() for item in of.items()]
+        if asked is not None and any(depth > asked.get(pair, 0.0) * (1 + ROUNDING) for pair, depth in pairs):
+            return False
+        if "joined" in said and not self._joined(said["joined"], stretches):
+            return False
+        for k, (robot, scene, held) in enumerate(self._stages(stretches)):
+            if held != holds[k]:
+                return False
+            if not replace(self, robot=robot, scene=scene, touching=touches[k]).holds(said, stretches[k]):
+                return False
+        return True
+
+    def _stages(self, stretches: Sequence[Mapping[str, Any]]) -> Iterator[tuple[Robot, Scene, dict[str, str]]]:
+        """Yield robot and scene of each stretch, and which tip holds what it took: it stays where it was taken."""
+        robot, scene, taken = self.robot, self.scene, dict[str, str]()
+        items = {item.name: item for item in robot.spec.attached}
+        for stretch in stretches:
+            if stretch.get("attach") or stretch.get("detach"):
+                bare = self.robot.bare
+                model, data = bare.shared.model, bare.shared.model.createData()
+                q = np.array(stretch["motion"]["coefficients"][0][0], dtype=float)
+                pin.framesForwardKinematics(model, data, bare.pinocchio_configuration(q))
+                for name in stretch.get("detach") or ():
+                    item = items.pop(name)
+                    taken.pop(name, None)
+                    known = self.scene[name] if name in self.scene.names else Obstacle(name, item.shape)
+                    place = data.oMf[model.getFrameId(item.link)] * item.pose.se3
+                    scene = scene.with_obstacles(known.moved(Pose.of(place)))
+                for name, link in (stretch.get("attach") or {}).items():
+                    place = data.oMf[model.getFrameId(link)].inverse() * scene[name].pose.se3
+                    items[name] = Attachment(name, scene[name].shape, link, Pose.of(place))
+                    taken[name], scene = link, scene.without(name)
+                robot = bare
+                for item in items.values():
+                    robot = robot.holding(item)
+            yield robot, scene, dict(taken)
+
+    @staticmethod
+    def _joined(said: tuple[Any, ...], stretches: Sequence[Mapping[str, Any]]) -> bool:
+        """Return whether stretches begin where those before end, at their velocities, and take as long as is said."""
+        _, duration, smooth = said
+        claims = [stretch["motion"] for stretch in stretches]
+        for before, after in pairwise(claims):
+            if np.abs(samples(before, 0)[-1] - samples(after, 0)[0]).max() > 1e-5:
+                return False
+            if smooth and np.abs(samples(before, 1)[-1] - samples(after, 1)[0]).max() > 1e-5:
+                return False
+        lasts = sum(claim["times"][-1] - claim["times"][0] for claim in claims)
+        return duration is None or (all(claim["timed"] for claim in claims) and abs(float(duration) - lasts) <= 6e-4)
+
+    def holds(self, said: Mapping[str, tuple[Any, ...]], stretch: Mapping[str, Any]) -> bool:
+        """Return whether what is said holds of one stretch."""
+        if not self._polynomials(said, stretch["motion"]):
+            return False
+        if not stretch.get("trajectory"):
+            return "timed" not in said
         motion, q = Motion(stretch["trajectory"]), samples(stretch["motion"], 0)
         whole = np.linspace(0, motion.duration, INSTANTS)
         curve = np.array([motion.place(motion.law(x)[0])[0] for x in whole])
@@ -232,7 +325,9 @@ class Judge:
         if max(float(np.abs(gap).max()) for gap in gaps) > ROUNDING:
             return False
         within = self.robot.continuous | ((curve > self.robot.lower - 1e-8) & (curve < self.robot.upper + 1e-8))
-        return bool(within.all()) and self._still(said, curve) and self._timed(said, motion, stretch["trajectory"])
+        if not within.all() or not self._still(said, curve):
+            return False
+        return "timed" not in said or self._timed(said, motion, stretch["trajectory"])
 
     def _off(
         self, said: Mapping[str, tuple[Any, ...]], dense: FloatArray, slack: FloatArray | float = 0.0
@@ -245,10 +340,10 @@ class Judge:
         return np.concatenate([dense, *(dense + signs * widths)])
 
     def _polynomials(self, said: Mapping[str, tuple[Any, ...]], claim: Mapping[str, Any]) -> bool:
-        count, duration, within = said["motion"]
+        count, duration, within = said.get("motion", (None, None, None))
         times = np.array(claim["times"], dtype=float)
         q, asked = samples(claim, 0), self.terms
-        if int(count) != len(times) - 1:
+        if count is not None and int(count) != len(times) - 1:
             return False
         if duration is not None and abs(float(duration) - (times[-1] - times[0])) > 6e-4:
             return False
@@ -264,7 +359,7 @@ class Judge:
             wanted = asked.get(kind)
             if wanted is not None and (limits > np.array(wanted) * (1 + ROUNDING)).any():
                 return False
-            if duration is None or (np.abs(samples(claim, order)) > limits * (1 + ROUNDING)).any():
+            if not claim["timed"] or (np.abs(samples(claim, order)) > limits * (1 + ROUNDING)).any():
                 return False
         dense = self._off(said, q, slack)
         return self._still(said, dense)
@@ -281,6 +376,11 @@ class Judge:
         if "moving" in said:
             moving, time = speeds(said["moving"][0]), float(said["moving"][1])
             least += [moving.get(obstacle, 0.0) * time for _, obstacle, _ in self.pairs]
+        for k, (link, obstacle, other) in enumerate(self.pairs):
+            other = obstacle or other
+            depths = [self.touching[pair] for pair in ((link, other), (other, link)) if pair in self.touching]
+            # A body that stays out of all that is deeper in a box may be so far in it at a corner.
+            least[k] -= sqrt(3) * max(depths, default=0.0) * (1 + ROUNDING)
         if not all((self.distances(q) > least - 1e-9).all() for q in dense):
             return False
         for q in dense if {"axis", "tip"} & set(said) else ():

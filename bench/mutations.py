@@ -1,6 +1,6 @@
 """Certificates in hostile hands: mutated ones are refused, or say nothing false.
 
-Each certificate of seven small problems is mutated with its structure in mind: keys and entries are added, dropped,
+Each certificate of eight small problems is mutated with its structure in mind: keys and entries are added, dropped,
 renamed, swapped, scaled, put in another order, at every depth; shapes, joints and limits of the URDF that it carries,
 obstacles and mesh files of its scene. The fingerprints of robot and scene are forged in half of these, the digest in
 nearly all, and some are issued anew for the robot and the scene that came out, as whoever forges well would. All are
@@ -35,6 +35,7 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
+import pinocchio as pin
 
 from bench._harness import Report
 from bench._judge import Judge, carried
@@ -62,14 +63,14 @@ from safe_ompl import (
     certificate,
     verify,
 )
-from safe_ompl.certificates import motion_certificate, terms_of
+from safe_ompl.certificates import motion_certificate, program_certificate, terms_of
 from safe_ompl.certificates.verifier.verify import Terms, Verified
 from safe_ompl.collision import Separation
 from safe_ompl.io.problems import built_robot
 from safe_ompl.io.schema import digest
 from safe_ompl.motions import check_with
 from safe_ompl.robot import Attachment, RobotSpec, robot_hash
-from safe_ompl.scene import Goal, MotionLimits
+from safe_ompl.scene import Attach, Detach, Goal, MotionLimits, Move, Program
 
 CLAIM = "no certificate is accepted of which a sentence is false, whoever changed it"
 ROOT = Path(__file__).parents[1]
@@ -91,6 +92,16 @@ SCENE = Scene(
     spacing=0.25,
 )
 ROD = Attachment("rod", Box((0.1, 0.02, 0.02)), "tip", Pose((0.05, 0.0, 0.0)))
+# A rod on a pedestal, before the tip of the arm at `PATH[1]`: it is taken, and put where the arm is at `PATH[2]`.
+PEDESTAL = Obstacle("pedestal", Cylinder(0.012, 0.05), Pose((0.409, -0.378, -0.0345)))
+DEPTH = 0.001
+STEPS = (
+    Move(configuration=tuple(PATH[1].tolist())),
+    Attach(object="rod"),
+    Move(configuration=tuple(PATH[2].tolist()), touching=(("rod", "pedestal"),), depth=DEPTH),
+    Detach(object="rod"),
+    Move(configuration=tuple(PATH[1].tolist())),
+)
 PEOPLE = People(who=("person",), speed=0.3, reaction_time=0.05)
 
 
@@ -108,15 +119,19 @@ class Case:
     def judge(self) -> Judge:
         """Return the judge of what is said of the user's own robot and scene."""
         motion, danger = self.terms.motion or {}, dict(self.terms.danger or {})
-        limits = {key: motion.get(key) for key in ("velocity", "acceleration", "jerk")}
-        return Judge(self.robot, self.scene, {**limits, "danger": danger, "people": dict(self.terms.stops or {})})
+        asked: dict[str, Any] = {key: motion.get(key) for key in ("velocity", "acceleration", "jerk")}
+        steps = [step for step in self.terms.steps or () if isinstance(step, Move)]
+        contacts = {pair: step.depth for step in steps for pair in step.touching}
+        asked |= {"danger": danger, "people": dict(self.terms.stops or {}), "contacts": contacts}
+        return Judge(self.robot, self.scene, asked)
 
 
 @cache
 def cases() -> tuple[Case, ...]:
     """Return a path with all claims but those of time, a robot that holds a rod, a motion beside a person, others.
 
-    The others are the path with a tube, polynomials with all that is claimed of them, and bare samples.
+    The others are the path with a tube, polynomials with all that is claimed of them, bare samples, a program that
+    moves a rod, and its second stretch alone.
     """
     spec = RobotSpec(urdf=ARM / "planar2.urdf", srdf=ARM / "planar2.srdf", tip="tip")
     held = replace(spec, base=Pose((0.0, 0.0, 0.4)), attached=(ROD,), locked={})
@@ -129,7 +144,49 @@ def cases() -> tuple[Case, ...]:
         _case("path with a tube", spec, SCENE, None, None, tube=TUBE),
         _case("polynomials", spec, SCENE, MotionLimits(**RATES), None, POLYNOMIALS, TUBE),
         _case("bare samples", spec, SCENE, MotionLimits(**RATES), None, SAMPLED),
+        _program_case("program", spec, slice(0, 5)),
+        _program_case("takes a rod", spec, slice(1, 3)),
     )
+
+
+def _program_case(name: str, spec: RobotSpec, chosen: slice) -> Case:
+    """Return a certificate of some of the steps, in a scene with the rod and its pedestal."""
+    steps = STEPS[chosen]
+    start = PATH[1] if isinstance(steps[0], Attach) else PATH[0]
+    bare = Robot(spec)
+    rod = Obstacle("rod", ROD.shape, Pose.of(bare.tip_pose(PATH[1]) * pin.SE3(np.eye(3), np.array([0.1, 0.0, 0.0]))))
+    scene = SCENE.with_obstacles(PEDESTAL, rod)
+    limits = MotionLimits(**RATES)
+    scenario = Scenario(name, spec, scene, tuple(start.tolist()), None, motion=limits, program=Program(steps))
+
+    def issue(robot: Robot, scene: Scene) -> dict[str, Any]:
+        begin, parts, q, time = (robot, scene), [], start, 0.0
+        for step in steps:
+            if isinstance(step, Attach):
+                held = robot.tip_pose(q).inverse() * scene["rod"].pose.se3
+                robot = robot.with_attached("rod", scene["rod"].shape, "tip", Pose.of(held))
+                scene = scene.without("rod")
+            elif isinstance(step, Detach):
+                (item,) = robot.attached
+                scene = scene.with_obstacles(begin[1]["rod"].moved(Pose.of(robot.tip_pose(q) * item.pose.se3)))
+                robot = begin[0]
+            elif isinstance(step, Move):
+                ends = [q, np.array(step.configuration)]
+                still = np.zeros((2, 2))
+                around = scene.touched(step.touching, step.depth) if step.touching else scene
+                checker = CollisionChecker(robot, around)
+                wanted = Separation().with_min_clearance(checker, 0.005, ["bin", "machine"])
+                danger = DangerLimit(DangerField.of_scene(robot, around), MOST_DANGER)
+                proof = MotionProver(checker, separation=wanted, limits=[danger])
+                rates = RateLimits.of(robot, *RATES.values())
+                motion = Motion.hermite([0.0, 1.5], ends, still, still)
+                parts.append((time, check_with(motion, proof, rates)))
+                q, time = ends[1], time + motion.duration
+        content = program_certificate(parts, begin=begin)
+        return json.loads(json.dumps(content))  # type: ignore[no-any-return]
+
+    robot = scenario.build_robot()
+    return Case(name, issue(robot, scene), robot, scene, terms_of(scenario, robot), issue)
 
 
 def _case(
@@ -183,7 +240,7 @@ def _case(
 
 # ----------------------------------------------------------------------------------------------- the mutations
 
-WORDS = ("person", "machine", "bin", "link1", "link2", "base", "tip", "head")
+WORDS = ("person", "machine", "bin", "rod", "pedestal", "link1", "link2", "base", "tip", "head")
 WORDS += ("max", "mean", "softmax", "length", "x", "", "0.1")
 ODD: tuple[Any, ...] = (None, True, False, "", "0.1", -1, 0, 1, 2.5, 1e-9, -1e-9, 1e308, 10**400)
 ODD += (float("nan"), float("inf"), [], {}, [[]], {"": 0})

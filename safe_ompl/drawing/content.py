@@ -100,8 +100,7 @@ class ViewerContent:
             number = f"stretch {k + 1} of {len(motions)}"
             stages.append(_Stage(number, stretch.step or "motion", begin, motion, *cell.during(stretch.contacts)))
             begin += motion.duration
-        bare = Robot(replace(robot.spec, attached=()))
-        return _of_stages(bare, stages, title or robot.name, None)
+        return _of_stages(robot.bare, stages, title or robot.name, None)
 
     @classmethod
     def of_results(
@@ -163,8 +162,7 @@ class ViewerContent:
             _Stage(f"step {s.step + 1} of {len(steps)}", str(steps[s.step]), s.begin, s.motion, s.robot, s.scene)
             for s in result.stretches
         ]
-        bare = Robot(replace(program_robot(scenario).spec, attached=()))
-        return _of_stages(bare, stages, scenario.name, scenario.danger)
+        return _of_stages(program_robot(scenario).bare, stages, scenario.name, scenario.danger)
 
     @cached_property
     def still(self) -> Scene:

@@ -13,7 +13,7 @@ import logging
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from itertools import count
 from pathlib import Path
@@ -218,7 +218,10 @@ def built_robot(carried: Any, *, package_dirs: Sequence[Path] = ()) -> Robot:
 def _built(spec: RobotSpec, name: str, folder: str, *, given: bool) -> Robot:
     """Build a robot; if that fails say what may be missing, unless it was given."""
     try:
-        return Robot(spec)
+        robot = Robot(replace(spec, attached=()))
+        for item in spec.attached:
+            robot = robot.holding(item)
+        return robot
     except InputError as error:
         if given:
             raise

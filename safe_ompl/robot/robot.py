@@ -195,7 +195,14 @@ class Robot(ForwardKinematics):
 
     def holding(self, item: Attachment) -> Robot:
         """Return the same robot with an object in its gripper; errors as `with_attached`."""
-        return type(self)(replace(self.spec, attached=(*self.spec.attached, item)), self.shared.holding(item))
+        found = type(self)(replace(self.spec, attached=(*self.spec.attached, item)), self.shared.holding(item))
+        found.bare = self.bare
+        return found
+
+    @cached_property
+    def bare(self) -> Robot:
+        """The robot without what is attached to it; its files are read again if it was built with that."""
+        return type(self)(replace(self.spec, attached=())) if self.spec.attached else self
 
     def hand_links(self, link: str) -> tuple[str, ...]:
         """Return the links of the hand that `link` belongs to: those that joints beyond it move, such as fingers."""

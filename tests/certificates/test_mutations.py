@@ -62,12 +62,17 @@ def test_random_mutations_are_refused_or_claim_nothing_false(bench, quiet):
         (4, ("motion", "jerk", 0), 0.05),
         (4, ("motion", "coefficients", 1, 0, 0), 1.1),
         (5, ("motion", "coefficients", 20, 0, 0), 1.1),
+        (6, ("stretches", 1, "contacts", 0, "depth"), 0.1),
+        (6, ("stretches", 1, "motion", "coefficients", 0, 3, 0), 0.5),
+        (6, ("stretches", 2, "motion", "coefficients", 0, 0, 0), 1.1),
+        (7, ("contacts", 0, "depth"), 0.1),
     ],
 )
 def test_the_judge_finds_what_is_false_and_so_does_the_verifier(bench, quiet, number, at, factor):
     """Sentences that are made of a claim that does not hold are false, and nobody but the verifier looks at it."""
     case = bench.cases()[number]
-    content = bench.replaced(case.content, ("stretches", 0, *at), lambda value: factor * value if value else 0.5)
+    place = at if at[0] == "stretches" else ("stretches", 0, *at)
+    content = bench.replaced(case.content, place, lambda value: factor * value if value else 0.5)
     claims = Certificate.read(signed(content)).sentences("")
     judge = bench.Judge(case.robot, case.scene)
     assert not judge.true(claims, content, ())

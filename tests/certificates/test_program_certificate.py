@@ -403,3 +403,18 @@ def test_a_rod_is_handed_over():
     assert "right_panda_hand_tcp holds rod, where it took it, in stretches 7 to 10" in claims
     taken = content["stretches"][7]
     assert (taken["detach"], taken["attach"]) == (["rod"], {"rod": "right_panda_hand_tcp"})
+
+
+def test_what_a_carried_robot_holds_at_first_is_put_down():
+    """The files of a robot that travels are gone when it is to be without what it holds."""
+    bare = Robot.from_urdf(list_scenarios()["planar2"].parent / "robots" / "planar2.urdf", tip="tip")
+    robot = bare.with_attached("rod", Box((0.1, 0.02, 0.02)), "tip", Pose((0.1, 0.0, 0.0)))
+    place = robot.tip_pose(np.array([0.5, 0.0])) * Pose((0.1, 0.0, 0.0)).se3
+    put = Scene([Obstacle("rod", Box((0.1, 0.02, 0.02)), Pose.of(place))])
+    parts = []
+    for k, (holder, scene) in enumerate(((robot, Scene()), (bare, put))):
+        motion = Motion.hermite([0.0, 2.0], [[0.5 * k, 0.0], [0.5 - 0.5 * k, 0.0]], np.zeros((2, 2)))
+        parts.append((2.0 * k, SafeSetup(holder, scene, danger=None).check(motion)))
+    content = program_certificate(parts)
+    assert content["stretches"][1]["detach"] == ["rod"]
+    assert verify(content).own == ("robot", "scene")

@@ -68,7 +68,7 @@ class RecordedPiece(NamedTuple):
         row, t = self.rows[order], s / self.length
         while len(row) > 1:
             row = (1 - t) * row[:-1] + t * row[1:]
-        return row[0]
+        return np.asarray(row[0])
 
     def most(self, order: int) -> FloatArray:
         """Return a bound (n,) of the size of a derivative."""
@@ -164,7 +164,8 @@ class RecordedLaw:
     """
 
     def __init__(self, claim: ClaimedTrajectory, curve: RecordedMotion, path: RecordedMotion, robot: Robot) -> None:
-        self.pieces, self.starts = curve.pieces, claim.times.tolist()
+        self.pieces: list[RecordedPiece] = curve.pieces
+        self.starts: list[float] = claim.times.tolist()
         for k, piece in enumerate(self.pieces):
             if not piece.length <= _LONGEST:
                 raise CertificateError(f"trajectory: piece {k} is no curve")
@@ -277,6 +278,8 @@ class RecordedLaw:
         In each cell the law, or its plan, is in the convex hull of pairs of ṡ² and s̈, `squares, pushes: (C, K)`.
         """
         velocity, acceleration, jerk = claim.velocity, claim.acceleration, claim.jerk
+        assert velocity is not None
+        assert acceleration is not None
         if jerk is not None and not self.window:
             return "the jerk is not limited"
         most = self.fastest_near(np.sqrt(squares.max(axis=1)))

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 
 import pinocchio as pin
 
@@ -39,18 +38,13 @@ class RecordedCell:
         self._robot, self._first, self.scene = robot, scene, scene
         self.held = {item.name: item for item in robot.spec.attached}
 
-    @cached_property
-    def _empty(self) -> Robot:
-        """The robot, which holds nothing."""
-        return Robot(replace(self._robot.spec, attached=())) if self._robot.spec.attached else self._robot
-
     def change(self, stretch: ClaimedStretch, q: FloatArray) -> None:
         """Put down and take what changes hands before a stretch, where the robot is at `q`."""
         if not (stretch.detach or stretch.attach):
             return
-        model = self._empty.shared.model
+        model = self._robot.bare.shared.model
         data = model.createData()
-        pin.framesForwardKinematics(model, data, self._empty.pinocchio_configuration(q))
+        pin.framesForwardKinematics(model, data, self._robot.bare.pinocchio_configuration(q))
         for name in stretch.detach:
             if name not in self.held:
                 raise CertificateError(f"{name!r} is put down, but not held")
@@ -61,7 +55,7 @@ class RecordedCell:
         for name, link in stretch.attach.items():
             if name not in self.scene.names:
                 raise CertificateError(f"{name!r} is taken, but is no obstacle")
-            if link not in self._empty.shared.tips:
+            if link not in self._robot.bare.shared.tips:
                 raise CertificateError(f"{name!r} is taken by {link!r}, which is the tip of no arm")
             taken = self.scene[name]
             place = data.oMf[model.getFrameId(link)].inverse() * taken.pose.se3
@@ -80,7 +74,7 @@ class RecordedCell:
                 continue
             deepest = max(contact.depth, item.touch_depth or 0.0)
             held[item.name] = replace(item, touch_links=(*item.touch_links, *contact.links), touch_depth=deepest)
-        robot = self._empty
+        robot = self._robot.bare
         for item in held.values():
             robot = robot.holding(item)
         return robot, scene
