@@ -155,6 +155,18 @@ def test_in_ompls_words_start_and_goal_are_those_that_are_checked_and_looked_at(
     assert setup.getGoal() is goal
 
 
+def test_a_goal_in_ompls_words_replaces_those_before_it_although_nothing_was_planned():
+    setup, start = build()
+    tip = setup.robot.tip_pose(start + MOTION).translation
+    other = states(setup, start + OTHER_MOTION)
+    setup.setGoal(other)
+    setup.setWorkspaceGoal(tip)
+    assert len(setup.query.goals) == 0
+    setup.setGoal(other)
+    setup.setConfigurations(start, start + MOTION)
+    assert setup.query.place is None
+
+
 # ------------------------------------------------------------------------------------- another scene, objective, space
 
 CHANGE = {
