@@ -34,6 +34,7 @@ SCALAR = [
     "safe_ompl.danger.moving",
     "safe_ompl.planning.simplification.costs",
     "safe_ompl.geometry.surface_points",
+    "safe_ompl.live.replanning.hull_gaps",
     "safe_ompl.motions.bodies",
     "safe_ompl.motions.laws",
     "safe_ompl.drawing.rendering",

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
-from safe_ompl.live.kernels import Sets
 
 
 class ReachViolation(NamedTuple):
@@ -42,9 +41,9 @@ class ReachSets:
     growth: FloatArray  # (M, 2), g₀ [m] and g₁ [m/s]
 
     @property
-    def arrays(self) -> Sets:
-        """All arrays, as `safe_ompl.live.kernels.gaps` takes them."""
-        return Sets(self.points, self.first, self.radii, self.growth)
+    def arrays(self) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
+        """All arrays, as `safe_ompl.live.replanning.hull_gaps` takes them."""
+        return self.points, self.first, self.radii, self.growth
 
     @classmethod
     def none(cls) -> ReachSets:

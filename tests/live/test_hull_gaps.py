@@ -3,17 +3,24 @@
 import coal
 import numpy as np
 import pytest
-from numba import njit
 
-from safe_ompl import RateLimits, time_path
-from safe_ompl.live import ReachSets, kernels
+from safe_ompl import InputError, RateLimits, time_path
+from safe_ompl.live import ReachSets
 from safe_ompl.live.replanning.bounded_path import Around, BoundedPath, RobotBodies, SpeedLimits, StopLaw
+from safe_ompl.live.replanning.hull_gaps import BodyHulls
 
 
-@njit
-def hull_gap(first, second, start, wanted, close, decide):
-    """Parts of kernels are called by kernels only."""
-    return kernels.hull_gap(first, second, start, wanted, close, decide)
+def hull_gap(first, second, left, close):
+    """Return what is left of the distance [m] of the hulls of two sets of points; close = 0: its sign only."""
+    one = np.array([0, len(first)]), np.zeros(1), first.mean(axis=0)[None], np.array([np.inf])
+    body = BodyHulls(np.array([0]), first, *one)
+    moving = second, np.array([0, len(second)]), np.zeros(1), np.zeros((1, 2))
+    frames = np.eye(3)[None, None], np.zeros((1, 1, 3)), np.zeros((1, 1))
+    found, *where = body.gaps(
+        np.array([0]), np.zeros(1), (np.zeros(1), np.zeros((0, 0, 0))), frames, moving, left, np.inf, close, False
+    )
+    assert where == [0, 0, 0]
+    return found
 
 
 def convex(points):
@@ -36,13 +43,12 @@ def test_bounds_are_below_the_distance_and_near_it():
         turn = rotation_to(axis / length) if len(second) > 1 else np.eye(3)
         there = coal.Transform3s(turn, ends.mean(axis=0))
         exact = coal.distance(convex(first), identity, body, there, request, coal.DistanceResult())
-        start = first.mean(axis=0) - second.mean(axis=0)
-        found = hull_gap(first, second, start.copy(), np.inf, 1e-4, False)
+        found = hull_gap(first, second, 0.0, 1e-4)
         assert found <= max(exact, 0.0) + 1e-6
         if exact > 0.05:
             assert found >= exact - 0.03  # the hulls are about 4 m wide
-            assert hull_gap(first, second, start, 0.5 * exact, 1e-5, True) >= 0.5 * exact
-            assert hull_gap(first, second, start, 1.1 * exact, 1e-5, True) < 1.1 * exact
+            assert hull_gap(first, second, 0.5 * exact, 0.0) >= 0
+            assert hull_gap(first, second, 1.1 * exact, 0.0) < 0
 
 
 def rotation_to(axis):
@@ -103,14 +109,59 @@ def test_a_motion_is_proven_or_not_as_its_least_margin_says(path):
 def test_no_point_of_a_body_leaves_where_a_cell_says_it_is(path, panda):
     """The travel of a cell bounds the way of every corner from the centre of the cell."""
     rng = np.random.default_rng(2)
-    carriers, vertices, first, *_ = path.bodies.arrays
+    hulls = path.bodies.hulls
+    vertices, first = hulls.vertices, hulls.first_vertex
     for k in rng.integers(0, len(path.brakes), 20):
         ends = rng.uniform(path.edges[k], path.edges[k + 1], 3)
         centre = 0.5 * (path.edges[k] + path.edges[k + 1])
         Q = path.curve.places(np.append(ends, centre)).q
         rotations, origins, _ = path.bodies.frames(Q)
-        for g, joint in enumerate(carriers):
+        for g, joint in enumerate(hulls.carriers):
             corners = vertices[first[g] : first[g + 1]]
             places = corners @ np.swapaxes(rotations[:, joint], 1, 2) + origins[:, None, joint]
             ways = np.linalg.norm(places[:-1] - places[-1], axis=2)
             assert ways.max() <= path.frames.travel[k, g] + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"carriers": np.array([-1])}, "body 0 is carried by joint -1"),
+        ({"first_vertex": np.array([0, 3])}, "must lead from 0 to the number of vertices"),
+        ({"first_vertex": np.array([0, 0, 2]), "carriers": np.zeros(2, np.intp)}, "list 0 of vertices is empty"),
+        ({"pads": np.zeros(2)}, r"must have shapes \(1,\), \(1,\) and \(1, 3\)"),
+        ({"at": np.array([1])}, "frames must be those of 2 cells and 1 joints at least"),
+        ({"at": np.array([-1])}, "there is no cell -1"),
+        ({"until": np.zeros(2)}, "one time for each window"),
+        ({"travel": np.zeros((1, 2))}, r"travel must have shape \(1, 1\)"),
+        ({"carriers": np.array([1])}, "frames must be those of 1 cells and 2 joints at least"),
+        ({"first_point": np.array([1, 2])}, "first_point must lead from 0"),
+        ({"growth": np.zeros((2, 2))}, r"must have shapes \(2,\) and \(1, 2\)"),
+        ({"squares": np.zeros(2)}, "at one speed for each window"),
+        ({"most": np.zeros((1, 2, 1))}, r"must have shape \(1, 1, …\)"),
+    ],
+)
+def test_tables_that_do_not_fit_together_are_refused(change, message):
+    given = {
+        "carriers": np.array([0]),
+        "vertices": np.zeros((2, 3)),
+        "first_vertex": np.array([0, 2]),
+        "pads": np.zeros(1),
+        "middles": np.zeros((1, 3)),
+        "extents": np.zeros(1),
+        "at": np.array([0]),
+        "until": np.zeros(1),
+        "squares": np.zeros(1),
+        "most": np.zeros((0, 0, 0)),
+        "travel": np.zeros((1, 1)),
+        "first_point": np.array([0, 1]),
+        "growth": np.zeros((1, 2)),
+        **change,
+    }
+    of_bodies = (given[key] for key in ("carriers", "vertices", "first_vertex", "pads", "middles", "extents"))
+    frames = np.eye(3)[None, None], np.zeros((1, 1, 3)), given["travel"]
+    moving = np.ones((1, 3)), given["first_point"], np.zeros(1), given["growth"]
+    with pytest.raises(InputError, match=message):
+        BodyHulls(*of_bodies).gaps(
+            given["at"], given["until"], (given["squares"], given["most"]), frames, moving, 0.0, np.inf, 0.0, False
+        )

@@ -28,7 +28,6 @@ from safe_ompl.danger.kernels import dangers
 from safe_ompl.drawing import render_path
 from safe_ompl.geometry import Obstacle, Person, Pose
 from safe_ompl.live import Surroundings, Tracker, find_skeleton
-from safe_ompl.live.kernels import gaps
 from safe_ompl.live.replanning import Replanner
 from safe_ompl.motions import Motion, RateLimits, check, time_path
 from safe_ompl.planning import PLAN_JOBS, SafeSetup, setup_scenario, small_robot
@@ -114,7 +113,7 @@ def _plan() -> None:
 def compile_all() -> None:
     """Compile what is not kept yet, and can be."""
     with suppress(Exception):  # of a job; `examine` does each job again, and says which one fails
-        compile_together([dangers, gaps], ALL_JOBS)
+        compile_together([dangers], ALL_JOBS)
 
 
 def _field(number: int, aggregate: Literal["max", "mean"] = "max") -> DangerField:

@@ -21,7 +21,7 @@ import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
 from safe_ompl.live import ReachSets
-from safe_ompl.live.kernels import Borne, CellFrames, Hulls, cell_gaps, gaps
+from safe_ompl.live.replanning.hull_gaps import BodyHulls
 from safe_ompl.motions import (
     BRAKING,
     CLAMPING,
@@ -69,6 +69,7 @@ _SAME = 1e-9  # [rad]
 _NEARLY = 1e-9
 # Caps of trajectories that the replanner derives itself at every tick.
 _DERIVED = ("joint velocity", "bends beside people", *CONTACT_RULES)
+# Contact is not allowed anywhere.
 _NO_CONTACT: FloatArray = np.zeros((0, 0, 0))
 _NOWHERE: FloatArray = np.zeros((0, 0))
 # Share of the jerk that q‴ṡ³ may take.
@@ -142,6 +143,14 @@ class SpeedLimits:
         return mine == theirs
 
 
+class CellFrames(NamedTuple):
+    """N cells of a path: the frames of the m joints at their centres, and how far the G bodies get away from there."""
+
+    rotations: FloatArray  # (N, m, 3, 3)
+    origins: FloatArray  # (N, m, 3) [m]
+    travel: FloatArray  # (N, G) [m]
+
+
 class RobotBodies:
     """The moving bodies of a robot, of `links`, as hulls in the frames of their joints, with balls about them.
 
@@ -159,7 +168,7 @@ class RobotBodies:
         middles = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
         extents = [np.linalg.norm(h.points - c, axis=1).max() for h, c in zip(hulls, middles, strict=True)]
         wider = robot.bounds.displacement_radii[self.moving] @ (np.array(tube) if tube else np.zeros(robot.n))
-        self.arrays = Hulls(
+        self.hulls = BodyHulls(
             carriers,
             np.ascontiguousarray(np.concatenate([np.zeros((0, 3)), *(hull.points for hull in hulls)])),
             first,
@@ -176,14 +185,14 @@ class RobotBodies:
 
     def vertices(self, body: int, frames: CellFrames) -> FloatArray:
         """Return the vertices (B, V, 3) of a body in the world [m], in these frames of the joints."""
-        joint, (first, last) = self.arrays.carriers[body], self.arrays.first_vertex[body : body + 2]
-        turned = np.einsum("bxy,vy->bvx", frames.rotations[:, joint], self.arrays.vertices[first:last])
+        joint, (first, last) = self.hulls.carriers[body], self.hulls.first_vertex[body : body + 2]
+        turned = np.einsum("bxy,vy->bvx", frames.rotations[:, joint], self.hulls.vertices[first:last])
         return np.asarray(turned + frames.origins[:, joint, None])
 
     @cached_property
     def turning(self) -> BoolArray:
         """Which moving bodies (G,) only turn, about the axis of the first joint."""
-        return np.asarray((self.arrays.carriers == 0) & ~self.robot.shared.chain.prismatic[0])
+        return np.asarray((self.hulls.carriers == 0) & ~self.robot.shared.chain.prismatic[0])
 
     def swept(self, body: int, frames: CellFrames, axes: FloatArray) -> FloatArray:
         """Return how much farther (K,) against `axes: (K, 3)` a turning body comes if it turns by any angle [m]."""
@@ -442,7 +451,7 @@ class BoundedPath:
     def margin(
         self, motion: StopLaw, around: Around, *, exact: bool = False, receding: BoolArray | None = None
     ) -> MotionMargin:
-        """Return the smallest margin along a motion on this path; see `safe_ompl.live.kernels.gaps`.
+        """Return the smallest margin along a motion on this path; see `BodyHulls.gaps`.
 
         An exact margin is right to 0.1 mm; else only its sign is, and a negative margin is the first one that is found.
         Where contact is allowed, who bears it at the speed of the motion need not be kept from; nor need those from
@@ -455,7 +464,6 @@ class BoundedPath:
                 return alone
         cells, times, fastest = motion.visits()
         enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
-        arrays = self.frames, self.bodies.arrays, sets.arrays, clearance, enough, close, not exact
         most = _NO_CONTACT if contact is None else self._borne(contact, cells)[0]
         if receding is not None:
             rows = np.unique(cells)  # the others are not read
@@ -465,8 +473,9 @@ class BoundedPath:
             if len(known):
                 bears = known.shape[2]
                 most[rows, :, :bears] = np.maximum(known[rows], most[rows, :, :bears])
-        borne = Borne(fastest, most)
-        margin, window, body, who = gaps(cells, since + times, borne, *arrays)
+        until, limits = since + times, (clearance, enough, close, not exact)
+        found = self.bodies.hulls.gaps(cells, until, (fastest, most), self.frames, sets.arrays, *limits)
+        margin, window, body, who = found
         if body < 0:
             return MotionMargin(np.inf)
         rule = SEPARATION
@@ -527,9 +536,9 @@ class BoundedPath:
             grown = sets.grown(longest) - sets.grown(0.0)
             fastest = max(float(grown.max()) / longest, _SLOWEST)
             far = fastest * (longest + _AHEAD)
-            arrays = self.frames, self.bodies.arrays, sets.arrays, clearance, far, _ROUGH
+            arrays = self.frames, sets.arrays, clearance, far, _ROUGH
             cells, no = np.arange(len(self.brakes)), np.zeros(len(self.brakes))
-            margins = cell_gaps(cells, Borne(no, _NO_CONTACT), *arrays)
+            margins = self.bodies.hulls.cell_gaps(cells, (no, _NO_CONTACT), *arrays)
             left = max(0.0, float((margins / fastest - needed).min()))
             speeds = self.brakes * (margins / fastest - reaction)
             if contact is not None and (speeds < full).any() and contact.bears.any():
@@ -537,7 +546,7 @@ class BoundedPath:
                 bodies = 2 * self.frames.travel.max(axis=1) / np.diff(self.edges)
                 shape = len(cells), self.frames.travel.shape[1], len(touched)
                 most = np.broadcast_to(np.where(touched, np.inf, -1.0), shape)
-                others = cell_gaps(cells, Borne(no, np.ascontiguousarray(most)), *arrays)
+                others = self.bodies.hulls.cell_gaps(cells, (no, np.ascontiguousarray(most)), *arrays)
                 slow = contact.bears[touched].min() / np.maximum(bodies, 1e-9)
                 speeds = np.minimum(np.maximum(speeds, slow), self.brakes * (others / fastest - reaction))
             speeds = np.minimum(full, speeds)

@@ -30,8 +30,7 @@ import numpy as np
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import BoolArray, FloatArray, InputError
 from safe_ompl.live import ReachSets
-from safe_ompl.live.kernels import CellFrames, chords_ahead, separating_axes
-from safe_ompl.live.replanning.bounded_path import BoundedPath, RobotBodies, SpeedLimits, StopLaw, line
+from safe_ompl.live.replanning.bounded_path import BoundedPath, CellFrames, RobotBodies, SpeedLimits, StopLaw, line
 from safe_ompl.live.replanning.commands import Action, Command, CommandProver
 from safe_ompl.live.replanning.detours import Detours
 from safe_ompl.motions import SEPARATION, Trajectory, first_unproven
@@ -226,7 +225,7 @@ class Receding:
             return found
         frames = path.bodies.frames(path.curve.places(np.array([self._s, last])).q)
         bends = path.accelerations[motion.cells].max(axis=0) * (last - self._s) ** 2 / 2
-        body, which = np.nonzero(chords_ahead(path.bodies.arrays, frames, self._axes, self._apart, bends))
+        body, which = np.nonzero(path.bodies.hulls.chords_ahead(frames, self._axes, self._apart, bends))
         found[body, which] = True
         return found
 
@@ -236,8 +235,8 @@ def _ahead(bodies: RobotBodies, frames: CellFrames, sets: ReachSets) -> tuple[Fl
 
     The sets are those of the measurement, the frames the first ones. Distances above `_FAR` are infinite.
     """
-    axes, apart = separating_axes(bodies.arrays, frames, sets.arrays, _FAR)
-    return axes, apart - bodies.arrays.pads[:, None] - sets.radii - sets.grown(0.0)
+    axes, apart = bodies.hulls.separating_axes(frames, sets.arrays, _FAR)
+    return axes, apart - bodies.hulls.pads[:, None] - sets.radii - sets.grown(0.0)
 
 
 class Retreats:

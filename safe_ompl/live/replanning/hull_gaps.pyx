@@ -1,0 +1,472 @@
+"""Proven lower bounds of the distance between convex hulls of points, and of whole motions among moving ones.
+
+For any unit vector u the distance of two hulls A and B is at least min_A a·u − max_B b·u. Gilbert's algorithm finds a
+good u: z is a point of A − B, and w the point of A − B that lies farthest back along z. The next z is the point of the
+segment from z to w that is nearest to the origin. Every z bounds the distance from above, and every z·w/‖z‖ from below,
+so that most questions whether a distance is larger than some length end after one or two steps.
+"""
+
+from libc.math cimport INFINITY, sqrt
+from libc.stdlib cimport free, malloc
+
+import numpy as np
+
+from safe_ompl.common import InputError
+
+cdef enum:
+    STEPS = 60
+# Bounds of the largest distance along separating axes are as near as this to it [m].
+cdef double COARSE = 1e-3
+# Bounds that are nearer than this to the distance are not improved [m].
+cdef double CLOSE = 1e-5
+# What rounding makes of the heights of vertices [m].
+cdef double ROUNDING = 1e-9
+
+
+# Frames of the m joints at the centres of N cells, and how far the G bodies get away from there [m].
+cdef struct Frames:
+    const double *rotations
+    const double *origins
+    const double *travel
+    Py_ssize_t m
+
+
+# The sets in which M bodies may be: points, their first ones, radii, and growth by g₀ + g₁t; see `ReachSets`.
+cdef struct Sets:
+    const double *points
+    const Py_ssize_t *first
+    const double *radii
+    const double *growth
+    Py_ssize_t count
+
+
+# The squared path speeds at which contact is borne, of cell, body and set; `bearing` of the sets bear any.
+cdef struct Borne:
+    const double *squares
+    const double *most
+    Py_ssize_t bearing
+
+
+# Where the least margin of a motion is, and how large it is [m].
+cdef struct Worst:
+    double margin
+    Py_ssize_t window, body, who
+
+
+cdef double hull_gap(
+    const double *first, Py_ssize_t firsts, const double *second, Py_ssize_t seconds, double *start, double wanted,
+    double close, bint decide
+) noexcept nogil:
+    """Return a lower bound of the distance between the hulls of two sets of points, at least 0.
+
+    `first: (A, 3)` and `second: (B, 3)` are the points [m], `start: (3,)` one of first − second to begin from; the
+    direction of the bound is left in `start`. It is enough to prove that the distance is as large as `wanted` [m] or,
+    to `decide`, to find that it is less; otherwise the bounds must come within `close` [m].
+    """
+    cdef double z0 = start[0], z1 = start[1], z2 = start[2], best = 0.0
+    cdef double squared, length, least, most, along, d0, d1, d2, across, step
+    cdef Py_ssize_t k, i, j, turn
+    for turn in range(STEPS):
+        squared = z0 * z0 + z1 * z1 + z2 * z2
+        length = sqrt(squared)
+        if length <= close or (decide and length < wanted) or length - best <= close:
+            return best
+        least, i = INFINITY, 0
+        for k in range(firsts):
+            along = first[3 * k] * z0 + first[3 * k + 1] * z1 + first[3 * k + 2] * z2
+            if along < least:
+                least, i = along, k
+        most, j = -INFINITY, 0
+        for k in range(seconds):
+            along = second[3 * k] * z0 + second[3 * k + 1] * z1 + second[3 * k + 2] * z2
+            if along > most:
+                most, j = along, k
+        if least - most > best * length:
+            best = (least - most) / length
+            start[0], start[1], start[2] = z0 / length, z1 / length, z2 / length
+        if best >= wanted:
+            return best
+        d0 = first[3 * i] - second[3 * j] - z0
+        d1 = first[3 * i + 1] - second[3 * j + 1] - z1
+        d2 = first[3 * i + 2] - second[3 * j + 2] - z2
+        across = d0 * d0 + d1 * d1 + d2 * d2
+        if across <= 0.0:
+            return best
+        step = min(1.0, -(z0 * d0 + z1 * d1 + z2 * d2) / across)
+        if step <= 0.0:
+            return best
+        z0, z1, z2 = z0 + step * d0, z1 + step * d1, z2 + step * d2
+    return best
+
+
+cdef void ball_about(const double *points, Py_ssize_t count, double *ball) noexcept nogil:
+    """Write the mean of the points, and how far the farthest point is from the mean."""
+    cdef double m0 = 0.0, m1 = 0.0, m2 = 0.0, far = 0.0, x, y, z
+    cdef Py_ssize_t k
+    for k in range(count):
+        m0, m1, m2 = m0 + points[3 * k] / count, m1 + points[3 * k + 1] / count, m2 + points[3 * k + 2] / count
+    for k in range(count):
+        x, y, z = points[3 * k] - m0, points[3 * k + 1] - m1, points[3 * k + 2] - m2
+        far = max(far, x * x + y * y + z * z)
+    ball[0], ball[1], ball[2], ball[3] = m0, m1, m2, sqrt(far)
+
+
+cdef class BodyHulls:
+    """The hulls of the G moving bodies of a robot, in the frames of their joints.
+
+    Parameters
+    ----------
+    carriers : ndarray of intp, shape (G,)
+        The joint that carries each body, from 0.
+    vertices : ndarray, shape (V, 3)
+        The vertices of all hulls, one hull after the other [m].
+    first_vertex : ndarray of intp, shape (G + 1,)
+        Where the vertices of each hull begin. No hull is empty.
+    pads : ndarray, shape (G,)
+        By how much each body is wider than its hull [m].
+    middles, extents : ndarray, shapes (G, 3) and (G,)
+        Balls about the hulls [m].
+
+    Raises
+    ------
+    InputError
+        If the tables do not fit together.
+    """
+
+    cdef readonly object carriers, vertices, first_vertex, pads, middles, extents
+    cdef readonly Py_ssize_t count
+    cdef const Py_ssize_t *_carriers
+    cdef const Py_ssize_t *_first
+    cdef const double *_vertices
+    cdef const double *_pads
+    cdef const double *_middles
+    cdef const double *_extents
+    cdef Py_ssize_t _joints
+
+    def __init__(
+        self, const Py_ssize_t[::1] carriers, const double[:, ::1] vertices, const Py_ssize_t[::1] first_vertex,
+        const double[::1] pads, const double[:, ::1] middles, const double[::1] extents
+    ):
+        cdef Py_ssize_t G = carriers.shape[0], g
+        _check_lists(first_vertex, vertices, "first_vertex", "vertices")
+        if first_vertex.shape[0] != G + 1:
+            raise InputError(f"first_vertex must have {G + 1} numbers for {G} bodies")
+        if pads.shape[0] != G or extents.shape[0] != G or middles.shape[0] != G or middles.shape[1] != 3:
+            raise InputError(f"pads, extents and middles must have shapes ({G},), ({G},) and ({G}, 3)")
+        self.count, self._joints = G, 0
+        for g in range(G):
+            if carriers[g] < 0:
+                raise InputError(f"body {g} is carried by joint {carriers[g]}")
+            self._joints = max(self._joints, carriers[g] + 1)
+        self.carriers, self.vertices, self.first_vertex = (
+            np.asarray(carriers), np.asarray(vertices), np.asarray(first_vertex)
+        )
+        self.pads, self.middles, self.extents = np.asarray(pads), np.asarray(middles), np.asarray(extents)
+        self._first = &first_vertex[0]
+        self._carriers = &carriers[0] if G else NULL
+        self._vertices = &vertices[0, 0] if vertices.shape[0] else NULL
+        self._pads = &pads[0] if G else NULL
+        self._middles = &middles[0, 0] if G else NULL
+        self._extents = &extents[0] if G else NULL
+
+    def __reduce__(self):
+        return BodyHulls, (
+            self.carriers, self.vertices, self.first_vertex, self.pads, self.middles, self.extents
+        )
+
+    cdef Frames _frames(
+        self, const double[:, :, :, ::1] rotations, const double[:, :, ::1] origins, const double[:, ::1] travel,
+        Py_ssize_t cells, bint moving
+    ) except *:
+        """Return the frames of at least so many cells; `moving` says whether bodies move in them."""
+        cdef Frames found
+        cdef Py_ssize_t N = rotations.shape[0], m = rotations.shape[1]
+        if rotations.shape[2] != 3 or rotations.shape[3] != 3 or origins.shape[2] != 3:
+            raise InputError("frames must have shapes (N, m, 3, 3) and (N, m, 3)")
+        if N < cells or origins.shape[0] != N or origins.shape[1] != m or m < self._joints:
+            raise InputError(f"frames must be those of {cells} cells and {self._joints} joints at least")
+        if moving and (travel.shape[0] != N or travel.shape[1] != self.count):
+            raise InputError(f"travel must have shape ({N}, {self.count})")
+        found.m = m
+        found.rotations = &rotations[0, 0, 0, 0] if N and m else NULL
+        found.origins = &origins[0, 0, 0] if N and m else NULL
+        found.travel = &travel[0, 0] if moving and N and self.count else NULL
+        return found
+
+    def gaps(
+        self, const Py_ssize_t[::1] at, const double[::1] until, borne, cells, sets, double left, double enough,
+        double close, bint stop_at_first
+    ):
+        """Return the least that is left between a robot and what moves, over the windows of a motion, and where.
+
+        The margin min (distance − growth − travel − left) [m] is a lower bound, negative where nothing is proven; then
+        come the window, the body of the robot and the set, −1 if there is nothing. The robot is in the cells `at: (W,)`
+        of a path no longer than `until: (W,)` [s]. The distance `left` must be left [m], margins above `enough` [m]
+        need not be known. The least is found within `close` [m]; 0: only whether it is negative, and then perhaps to
+        `stop_at_first` such one.
+
+        `cells` are the frames of `CellFrames`, `sets` the arrays of `ReachSets`. `borne` has ṡ² of the windows (W,) at
+        most, and the largest ṡ² (N, G, M) of cell, body and set at which contact is borne; two bodies that may touch at
+        the speed of a window need no distance in it. Where contact is not allowed the last array is empty; it is not
+        borne by sets beyond its end.
+        """
+        cdef Frames frames = self._frames(cells[0], cells[1], cells[2], _past_last(at), True)
+        cdef Sets moving = _sets(sets[0], sets[1], sets[2], sets[3])
+        cdef Borne contact = self._borne(borne[0], borne[1], at.shape[0], len(cells[0]))
+        cdef Worst found
+        cdef double *memory
+        if until.shape[0] != at.shape[0]:
+            raise InputError("until must have one time for each window")
+        memory = _work(&moving)
+        with nogil:
+            found = self._least(
+                at.shape[0], &at[0] if at.shape[0] else NULL, &until[0] if at.shape[0] else NULL, &contact, &frames,
+                &moving, memory, left, enough, close, stop_at_first
+            )
+            free(memory)
+        return found.margin, found.window, found.body, found.who
+
+    def cell_gaps(
+        self, const Py_ssize_t[::1] at, borne, cells, sets, double left, double far, double close
+    ):
+        """Return for each of the cells (W,) the least that is left at the instant of the measurement [m]; as `gaps`.
+
+        More than `far` need not be known, and what is less but within `close` [m].
+        """
+        cdef Frames frames = self._frames(cells[0], cells[1], cells[2], _past_last(at), True)
+        cdef Sets moving = _sets(sets[0], sets[1], sets[2], sets[3])
+        cdef Borne contact = self._borne(borne[0], borne[1], at.shape[0], len(cells[0]))
+        cdef Py_ssize_t W = at.shape[0], w
+        cdef double now = 0.0
+        cdef double *memory
+        margins = np.empty(W)
+        cdef double[::1] found = margins
+        memory = _work(&moving)
+        with nogil:
+            for w in range(W):
+                found[w] = min(
+                    self._least(
+                        1, &at[w], &now, &contact, &frames, &moving, memory, left + far, 0.0, close, False
+                    ).margin,
+                    0.0,
+                ) + far
+                contact.squares += 1
+            free(memory)
+        return margins
+
+    cdef Borne _borne(
+        self, const double[::1] squares, const double[:, :, ::1] most, Py_ssize_t W, Py_ssize_t N
+    ) except *:
+        cdef Borne found
+        if squares.shape[0] != W:
+            raise InputError("contact is borne at one speed for each window")
+        found.squares, found.most, found.bearing = &squares[0] if W else NULL, NULL, 0
+        if most.shape[0]:
+            if most.shape[0] != N or most.shape[1] != self.count:
+                raise InputError(f"speeds at which contact is borne must have shape ({N}, {self.count}, …)")
+            found.bearing = most.shape[2]
+            found.most = &most[0, 0, 0] if self.count and most.shape[2] else NULL
+        return found
+
+    cdef Worst _least(
+        self, Py_ssize_t W, const Py_ssize_t *at, const double *until, const Borne *borne, const Frames *frames,
+        const Sets *sets, double *memory, double left, double enough, double close, bint stop_at_first
+    ) noexcept nogil:
+        """Return what `gaps` does."""
+        cdef Worst worst = Worst(INFINITY, -1, -1, -1)
+        cdef Py_ssize_t G = self.count, S = sets.count, w, k, g, s, p, x, a, b
+        cdef double *local = memory
+        cdef double *balls = local + 3 * sets.first[S]
+        cdef double *grown = balls + 4 * S
+        cdef const double *R
+        cdef const double *o
+        cdef const double *c
+        cdef const double *ball
+        cdef double delta[3]
+        cdef double c0, c1, c2, v0, v1, v2, need, far, apart, wanted, gap
+        cdef bint decide = close == 0.0
+        for s in range(S):
+            ball_about(sets.points + 3 * sets.first[s], sets.first[s + 1] - sets.first[s], balls + 4 * s)
+        for w in range(W):
+            k = at[w]
+            for s in range(S):
+                grown[s] = sets.radii[s] + sets.growth[2 * s] + until[w] * sets.growth[2 * s + 1]
+            for g in range(G):
+                R = frames.rotations + 9 * (k * frames.m + self._carriers[g])
+                o = frames.origins + 3 * (k * frames.m + self._carriers[g])
+                c = self._middles + 3 * g
+                c0 = o[0] + R[0] * c[0] + R[1] * c[1] + R[2] * c[2]
+                c1 = o[1] + R[3] * c[0] + R[4] * c[1] + R[5] * c[2]
+                c2 = o[2] + R[6] * c[0] + R[7] * c[1] + R[8] * c[2]
+                for s in range(S):
+                    if s < borne.bearing and borne.squares[w] <= borne.most[(k * G + g) * borne.bearing + s]:
+                        continue
+                    ball = balls + 4 * s
+                    need = grown[s] + frames.travel[k * G + g] + left + self._pads[g]
+                    v0, v1, v2 = c0 - ball[0], c1 - ball[1], c2 - ball[2]
+                    far = sqrt(v0 * v0 + v1 * v1 + v2 * v2)
+                    apart = far - ball[3] - self._extents[g] - need
+                    if apart < min(worst.margin, enough):
+                        a, b = sets.first[s], sets.first[s + 1]
+                        for p in range(a, b):
+                            v0 = sets.points[3 * p] - o[0]
+                            v1 = sets.points[3 * p + 1] - o[1]
+                            v2 = sets.points[3 * p + 2] - o[2]
+                            for x in range(3):
+                                local[3 * p + x] = R[x] * v0 + R[3 + x] * v1 + R[6 + x] * v2
+                        for x in range(3):
+                            delta[x] = c[x] - (
+                                R[x] * (ball[0] - o[0]) + R[3 + x] * (ball[1] - o[1]) + R[6 + x] * (ball[2] - o[2])
+                            )
+                        wanted = max(need, 0.0) if decide else min(worst.margin, enough) + need
+                        gap = hull_gap(
+                            self._vertices + 3 * self._first[g], self._first[g + 1] - self._first[g], local + 3 * a,
+                            b - a, delta, wanted, max(close, CLOSE), decide
+                        )
+                        apart = max(apart, gap - need)
+                    if apart < worst.margin:
+                        worst = Worst(apart, w, g, s)
+                        if stop_at_first and worst.margin < 0.0:
+                            return worst
+        return worst
+
+    def separating_axes(self, cells, sets, double far):
+        """Return directions (G, M, 3) from sets to bodies, and bounds (G, M) of how far apart they are along these [m].
+
+        The robot is in the middle of the first cell; sets and bodies are without radii, growth and pads. Bounds of more
+        than `far` [m] need not be known: they are infinite.
+        """
+        cdef Frames frames = self._frames(cells[0], cells[1], cells[2], 1, False)
+        cdef Sets moving = _sets(sets[0], sets[1], sets[2], sets[3])
+        cdef Py_ssize_t G = self.count, S = moving.count, g, s, v, x, points
+        cdef const double *R
+        cdef const double *o
+        cdef const double *own
+        cdef double own_ball[4]
+        cdef double ball[4]
+        cdef double *axis
+        directions, bounds = np.zeros((G, S, 3)), np.full((G, S), np.inf)
+        cdef double[:, :, ::1] axes = directions
+        cdef double[:, ::1] apart = bounds
+        cdef double *hull = <double *> malloc(max(3 * self._first[G], 1) * sizeof(double))
+        if not hull:
+            raise MemoryError
+        with nogil:
+            for g in range(G):
+                R = frames.rotations + 9 * self._carriers[g]
+                o = frames.origins + 3 * self._carriers[g]
+                own, points = self._vertices + 3 * self._first[g], self._first[g + 1] - self._first[g]
+                for v in range(points):
+                    for x in range(3):
+                        hull[3 * v + x] = (
+                            o[x] + R[3 * x] * own[3 * v] + R[3 * x + 1] * own[3 * v + 1]
+                            + R[3 * x + 2] * own[3 * v + 2]
+                        )
+                ball_about(hull, points, own_ball)
+                for s in range(S):
+                    ball_about(moving.points + 3 * moving.first[s], moving.first[s + 1] - moving.first[s], ball)
+                    axis = &axes[g, s, 0]
+                    for x in range(3):
+                        axis[x] = own_ball[x] - ball[x]
+                    if sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]) - own_ball[3] - ball[3] < far:
+                        apart[g, s] = hull_gap(
+                            hull, points, moving.points + 3 * moving.first[s], moving.first[s + 1] - moving.first[s],
+                            axis, INFINITY, COARSE, False
+                        )
+            free(hull)
+        return directions, bounds
+
+    def chords_ahead(
+        self, cells, const double[:, :, ::1] axes, const double[:, ::1] apart, const double[::1] bends
+    ):
+        """Return which bodies (G, M) are apart from sets and come no nearer to them along `separating_axes`.
+
+        The robot goes from the first cell to the second. A vertex that is start ≥ 0 ahead of the foremost one and then
+        end ≥ 0, but for rounding, comes no nearer if √start + √end ≥ √bend, with `bends: (G,)` [m].
+        """
+        cdef Frames frames = self._frames(cells[0], cells[1], cells[2], 2, False)
+        cdef Py_ssize_t G = self.count, S = apart.shape[1], g, s, k, v, points
+        cdef const double *R
+        cdef const double *o
+        cdef const double *u
+        cdef const double *hull
+        cdef double least[2]
+        cdef double at, x, y, z, start, end
+        cdef bint recedes
+        if apart.shape[0] != G or axes.shape[0] != G or axes.shape[1] != S or axes.shape[2] != 3 or bends.shape[0] != G:
+            raise InputError(f"axes, bounds and bends must be those of {G} bodies and {S} sets")
+        ahead = np.zeros((G, S), dtype=np.bool_)
+        cdef unsigned char[:, ::1] found = ahead.view(np.uint8)
+        cdef Py_ssize_t V = self._first[G]
+        cdef double *heights = <double *> malloc(max(2 * V, 1) * sizeof(double))
+        if not heights:
+            raise MemoryError
+        with nogil:
+            for g in range(G):
+                hull, points = self._vertices + 3 * self._first[g], self._first[g + 1] - self._first[g]
+                for s in range(S):
+                    if not 0.0 < apart[g, s] < INFINITY:
+                        continue
+                    least[0] = least[1] = INFINITY
+                    u = &axes[g, s, 0]
+                    for k in range(2):
+                        R = frames.rotations + 9 * (k * frames.m + self._carriers[g])
+                        o = frames.origins + 3 * (k * frames.m + self._carriers[g])
+                        at = o[0] * u[0] + o[1] * u[1] + o[2] * u[2]
+                        x = R[0] * u[0] + R[3] * u[1] + R[6] * u[2]
+                        y = R[1] * u[0] + R[4] * u[1] + R[7] * u[2]
+                        z = R[2] * u[0] + R[5] * u[1] + R[8] * u[2]
+                        for v in range(points):
+                            heights[k * V + v] = at + hull[3 * v] * x + hull[3 * v + 1] * y + hull[3 * v + 2] * z
+                            least[k] = min(least[k], heights[k * V + v])
+                    recedes, v = least[1] - least[0] + ROUNDING >= 0.0, 0
+                    while recedes and v < points:
+                        start, end = heights[v] - least[0], heights[V + v] - least[0] + ROUNDING
+                        recedes, v = sqrt(start) + sqrt(end) >= sqrt(bends[g]), v + 1
+                    found[g, s] = recedes
+            free(heights)
+        return ahead
+
+
+cdef Py_ssize_t _past_last(const Py_ssize_t[::1] at) except -1:
+    """Return how many cells there must be."""
+    cdef Py_ssize_t w, most = 0
+    for w in range(at.shape[0]):
+        if at[w] < 0:
+            raise InputError(f"there is no cell {at[w]}")
+        most = max(most, at[w] + 1)
+    return most
+
+
+cdef int _check_lists(const Py_ssize_t[::1] first, const double[:, ::1] points, str what, str of) except -1:
+    """Raise InputError unless the numbers lead from 0 to that of the points, and no list is empty."""
+    cdef Py_ssize_t k, last = first.shape[0] - 1
+    if last < 0 or first[0] != 0 or first[last] != points.shape[0] or points.shape[1] != 3:
+        raise InputError(f"{what} must lead from 0 to the number of {of} (…, 3)")
+    for k in range(last):
+        if not first[k] < first[k + 1]:
+            raise InputError(f"list {k} of {of} is empty")
+    return 0
+
+
+cdef Sets _sets(
+    const double[:, ::1] points, const Py_ssize_t[::1] first, const double[::1] radii, const double[:, ::1] growth
+) except *:
+    cdef Sets found
+    cdef Py_ssize_t S = radii.shape[0]
+    _check_lists(first, points, "first_point", "points")
+    if first.shape[0] != S + 1 or growth.shape[0] != S or growth.shape[1] != 2:
+        raise InputError(f"first_point and growth must have shapes ({S + 1},) and ({S}, 2)")
+    found.count, found.first = S, &first[0]
+    found.points = &points[0, 0] if S else NULL
+    found.radii = &radii[0] if S else NULL
+    found.growth = &growth[0, 0] if S else NULL
+    return found
+
+
+cdef double *_work(const Sets *sets) except NULL:
+    """Return memory for the points of sets in the frame of a joint, balls about the sets, and how far they grow."""
+    cdef double *memory = <double *> malloc(max(3 * sets.first[sets.count] + 5 * sets.count, 1) * sizeof(double))
+    if not memory:
+        raise MemoryError
+    return memory
