@@ -69,7 +69,7 @@ class StopAndGo(Replanner):
         """Take a trajectory, at the share of its speed."""
         super().start(trajectory)
         assert self._path is not None
-        self._path = replace(self._path, squares=self._path.squares * self.share**2)
+        self._path = replace(self._path, squared_limits=self._path.squared_limits * self.share**2)
 
     def _next(self, path: BoundedPath, s: float, speed: float, time: float) -> Command | None:
         if not self.surroundings.known:
@@ -81,15 +81,15 @@ class StopAndGo(Replanner):
         distance = self.clearance + self._distance(path, time)
         near = path.margin(here, Around(self.surroundings.sets, 0.0, distance), exact=True)
         trouble = self.surroundings.trouble(time, self.options.lost_after)
-        push = 1.0 if near.margin >= 0 and trouble is None else -1.0
-        if push < 0 and speed == 0:
+        share = 1.0 if near.margin >= 0 and trouble is None else -1.0
+        if share < 0 and speed == 0:
             return None
-        motion = path.motion_from(s, speed * speed, push, self.tick)
-        action = Action.MOVING if push > 0 else Action.BRAKING
+        motion = path.motion_from(s, speed * speed, share, self.tick)
+        action = Action.MOVING if share > 0 else Action.BRAKING
         return Command(time, self.surroundings.time, path, motion, action, near, trouble or "")
 
     def _distance(self, path: BoundedPath, time: float) -> float:
-        full = np.sqrt(path.squares)
+        full = np.sqrt(path.squared_limits)
         stop = float((full / path.brakes).max())
         delay = time - self.surroundings.time + self.tick
         body = float((2 * path.frames.travel.max(axis=1) / np.diff(path.edges) * full).max())  # [m/s]

@@ -226,7 +226,7 @@ class StopLaw(NamedTuple):
 
     cells: IntArray  # (W,), the cell of the path in which each piece lies
     places: FloatArray  # (W + 1,), s, ṡ², and the time since the motion began [s], where pieces meet
-    squares: FloatArray
+    squared_speeds: FloatArray
     times: FloatArray
     window: float = 0.0
 
@@ -242,26 +242,26 @@ class StopLaw(NamedTuple):
         now = max(time, 0.0)
         if self.window:
             ends = self._plan(np.array([now - self.window, now]))
-            place, speed, push = (float(values[1] - values[0]) / self.window for values in ends)
-            return min(max(place, 0.0), float(self.places[-1])), max(speed, 0.0), push
+            place, speed, acceleration = (float(values[1] - values[0]) / self.window for values in ends)
+            return min(max(place, 0.0), float(self.places[-1])), max(speed, 0.0), acceleration
         k = max(int(np.searchsorted(self.times, time, side="right")) - 1, 0)
         span, since = self.times[k + 1] - self.times[k], now - self.times[k]
-        speed, after = np.sqrt(self.squares[k]), np.sqrt(self.squares[k + 1])
-        push = (after - speed) / span if span > 0 else 0.0
-        place = self.places[k] + since * (speed + 0.5 * since * push)
-        return float(min(place, self.places[k + 1])), float(max(speed + since * push, 0.0)), float(push)
+        speed, after = np.sqrt(self.squared_speeds[k]), np.sqrt(self.squared_speeds[k + 1])
+        acceleration = (after - speed) / span if span > 0 else 0.0
+        place = self.places[k] + since * (speed + 0.5 * since * acceleration)
+        return float(min(place, self.places[k + 1])), float(max(speed + since * acceleration, 0.0)), float(acceleration)
 
     def _plan(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return ∫σ from the first time on, σ and σ̇ (T,) at times."""
-        speeds, spans = np.sqrt(self.squares), np.diff(self.times)
+        speeds, spans = np.sqrt(self.squared_speeds), np.diff(self.times)
         areas = np.cumsum(spans * (self.places[:-1] + spans * (2 * speeds[:-1] + speeds[1:]) / 6))
         k = np.clip(np.searchsorted(self.times, at, side="right") - 1, 0, len(spans) - 1)
         since = np.clip(at - self.times[k], 0.0, spans[k])
-        push = np.diff(speeds)[k] / np.where(spans[k] > 0, spans[k], 1.0)
-        place = self.places[k] + since * (speeds[k] + since * push / 2)
-        area = np.append(0.0, areas)[k] + since * (self.places[k] + since * (speeds[k] / 2 + since * push / 6))
+        acceleration = np.diff(speeds)[k] / np.where(spans[k] > 0, spans[k], 1.0)
+        place = self.places[k] + since * (speeds[k] + since * acceleration / 2)
+        area = np.append(0.0, areas)[k] + since * (self.places[k] + since * (speeds[k] / 2 + since * acceleration / 6))
         after = np.maximum(at - self.times[-1], 0.0)  # it stands
-        return area + after * self.places[-1], place, np.where(after > 0, 0.0, speeds[k] + since * push)
+        return area + after * self.places[-1], place, np.where(after > 0, 0.0, speeds[k] + since * acceleration)
 
     def past(self, time: float) -> StopLaw:
         """Return what the plan does in the window before a time, which is 0 in what is returned."""
@@ -273,14 +273,14 @@ class StopLaw(NamedTuple):
         return StopLaw(
             self.cells[np.clip(k, 0, len(self.cells) - 1)],
             np.concatenate([[first], self.places[between], [last]]),
-            np.concatenate([[begin], self.squares[between], [end]]),
+            np.concatenate([[begin], self.squared_speeds[between], [end]]),
             times - time,
             self.window,
         )
 
     def visits(self) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the cells (V,) in which the robot will be, until when [s], and bounds of ṡ² while it is there."""
-        fastest = np.maximum(self.squares[:-1], self.squares[1:])
+        fastest = np.maximum(self.squared_speeds[:-1], self.squared_speeds[1:])
         if not self.window:
             return self.cells, self.times[1:], fastest
         ahead = self.places[1:] > self.at(0.0)[0]
@@ -300,7 +300,7 @@ class BoundedPath:
     curve: Motion  # The path, proven against all that stands still
     limits: SpeedLimits  # The limits that it keeps
     edges: FloatArray  # (N + 1,), ends of the cells [rad]
-    squares: FloatArray  # (N,), bounds X of ṡ²
+    squared_limits: FloatArray  # (N,), bounds X of ṡ²
     brakes: FloatArray  # (N,), bounds b of |s̈|: |q′|b + |q″|X is within the accelerations of the joints
     stops: IntArray  # Edges where the robot stops
     slopes: FloatArray  # (N, n), bounds of |q′|
@@ -352,7 +352,7 @@ class BoundedPath:
     @cached_property
     def ceiling(self) -> FloatArray:
         """The largest ṡ² (N + 1,) at the ends of the cells from which all stops are reached."""
-        return np.asarray(ceilings(np.diff(self.edges), self.squares, self.brakes, self.stops))
+        return np.asarray(ceilings(np.diff(self.edges), self.squared_limits, self.brakes, self.stops))
 
     @cached_property
     def accelerations(self) -> FloatArray:
@@ -387,66 +387,66 @@ class BoundedPath:
         Its cells were made with this step; |s̈| is no more than what joints, and `hardest`, allow at these speeds.
         """
         brakes = _brakes(self.curve.cells(step), self.limits.joints, speeds, self.smooth)
-        path = replace(self, squares=speeds * speeds, brakes=np.minimum(brakes, hardest))
+        path = replace(self, squared_limits=speeds * speeds, brakes=np.minimum(brakes, hardest))
         path.__dict__["_contacts"] = self._contacts
         return path
 
-    def motion_from(self, s: float, square: float, push: float, tick: float, past: StopLaw | None = None) -> StopLaw:
-        """Return the motion of a tick [s] from (s, ṡ²) and its stop; s̈ is `push`, from −1 to 1, times the `brakes`.
+    def motion_from(self, s: float, square: float, share: float, tick: float, past: StopLaw | None = None) -> StopLaw:
+        """Return the motion of a tick [s] from (s, ṡ²) and its stop; s̈ is `share`, from −1 to 1, times the `brakes`.
 
         Where the jerk is limited the plan goes on from its `past` along this path, and accelerates less than it brakes.
         """
-        grid = self.edges, self.squares, self.brakes, self.ceiling
+        grid = self.edges, self.squared_limits, self.brakes, self.ceiling
         if self.limits.joints.jerk is None:
-            return StopLaw(*drive(*grid, s, square, push, tick))
+            return StopLaw(*drive(*grid, s, square, share, tick))
         past = self.past(s, float(np.sqrt(square))) if past is None else past
-        here, now = float(past.places[-1]), float(past.squares[-1])
-        push = min(push, push * (1 - BRAKING) / BRAKING)
-        cells, places, squares, times = drive(*grid, here, now, push, tick)
+        here, now = float(past.places[-1]), float(past.squared_speeds[-1])
+        share = min(share, share * (1 - BRAKING) / BRAKING)
+        cells, places, squared_speeds, times = drive(*grid, here, now, share, tick)
         # In a corner the plan waits until the robot stands, and then for the next tick.
         corner = np.abs(places[:, None] - self.edges[self.stops]).min(axis=1, initial=np.inf) < _SAME
-        waits = corner & (squares == 0.0)
+        waits = corner & (squared_speeds == 0.0)
         waits[0] &= past.places[0] < here - _SAME
         end = int(np.flatnonzero(waits)[0]) if waits.any() else len(cells)
         return StopLaw(
             np.append(self._cells_at(past.places), cells[:end]),
             np.append(past.places, places[1 : end + 1]),
-            np.append(past.squares, squares[1 : end + 1]),
+            np.append(past.squared_speeds, squared_speeds[1 : end + 1]),
             np.append(past.times, times[1 : end + 1]),
             past.window,
         )
 
-    def past(self, s: float, speed: float, push: float = 0.0) -> StopLaw:
-        """Return the plan of constant s̈, `push`, that has the robot at s with ṡ; |s̈| is 2 ṡ/w at most."""
+    def past(self, s: float, speed: float, acceleration: float = 0.0) -> StopLaw:
+        """Return the plan of constant s̈, `acceleration`, that has the robot at s with ṡ; |s̈| is 2 ṡ/w at most."""
         window = averaging_window(self.limits.joints)
-        now = max(speed + push * window / 2, 0.0)
-        here = s + speed * window / 2 + push * window * window / 12
-        first = here - window * (now - push * window / 2)
+        now = max(speed + acceleration * window / 2, 0.0)
+        here = s + speed * window / 2 + acceleration * window * window / 12
+        first = here - window * (now - acceleration * window / 2)
         inside = self.edges[(first < self.edges) & (self.edges < here)]
         places = np.concatenate([[first], inside, [here]])
-        squares = np.maximum(now * now + 2 * push * (places - here), 0.0)
-        both = np.sqrt(squares) + now
+        squared_speeds = np.maximum(now * now + 2 * acceleration * (places - here), 0.0)
+        both = np.sqrt(squared_speeds) + now
         times = np.divide(2 * (places - here), both, out=np.zeros(len(places)), where=both > 0)
         times[0] = -window
-        return StopLaw(self._cells_at(places), places, squares, times, window)
+        return StopLaw(self._cells_at(places), places, squared_speeds, times, window)
 
     def _cells_at(self, places: FloatArray) -> IntArray:
         """Return the cells (W,) between places (W + 1,)."""
         middles = (places[1:] + places[:-1]) / 2
         return np.asarray(np.clip(np.searchsorted(self.edges, middles) - 1, 0, len(self.brakes) - 1))
 
-    def admits(self, speed: float, push: float = 0.0) -> bool:
+    def admits(self, speed: float, acceleration: float = 0.0) -> bool:
         """Return whether the robot may begin with ṡ and s̈; where the jerk is not limited s̈ is not asked."""
         square, here, cells = speed * speed, 0.0, np.zeros(1, dtype=np.intp)
         if self.limits.joints.jerk is not None:
-            past = self.past(0.0, speed, push)
-            square, here, cells = float(past.squares.max()), float(past.places[-1]), past.cells
+            past = self.past(0.0, speed, acceleration)
+            square, here, cells = float(past.squared_speeds.max()), float(past.places[-1]), past.cells
             low, high = -self.brakes[cells].min(), self.brakes[cells].min() * (1 - BRAKING) / BRAKING
-            if not low * (1 + _NEARLY) <= push <= high * (1 + _NEARLY):
+            if not low * (1 + _NEARLY) <= acceleration <= high * (1 + _NEARLY):
                 return False
         k = int(cells[-1])
         most = self.ceiling[k + 1] + 2 * self.brakes[k] * (self.edges[k + 1] - here)
-        return bool(min(self.squares[cells].min(), most) >= square * (1 - _NEARLY))
+        return bool(min(self.squared_limits[cells].min(), most) >= square * (1 - _NEARLY))
 
     def margin(
         self, motion: StopLaw, around: Around, *, exact: bool = False, receding: BoolArray | None = None
@@ -528,7 +528,7 @@ class BoundedPath:
         """Return what `pace` says, with the bounds of these cells alone."""
         sets, since, clearance, contact = around
         reaction = tick + since
-        full = np.sqrt(self.squares)
+        full = np.sqrt(self.squared_limits)
         speeds, left = full, _AHEAD
         if len(sets.names):
             needed = reaction + full / self.brakes
@@ -563,7 +563,7 @@ class BoundedPath:
             self,
             curve=self.curve.part(begin, last),
             edges=edges,
-            squares=self.squares[a:b],
+            squared_limits=self.squared_limits[a:b],
             brakes=self.brakes[a:b],
             stops=self.stops[(self.stops > a) & (self.stops < b)] - a,
             slopes=self.slopes[a:b],
@@ -578,7 +578,7 @@ class BoundedPath:
             self,
             curve=self.curve.then(other.curve),
             edges=np.concatenate([self.edges, self.length + other.edges[1:]]),
-            squares=np.concatenate([self.squares, other.squares]),
+            squared_limits=np.concatenate([self.squared_limits, other.squared_limits]),
             brakes=np.concatenate([self.brakes, other.brakes]),
             stops=np.concatenate([self.stops, [count], count + other.stops]).astype(np.intp),
             slopes=np.concatenate([self.slopes, other.slopes]),

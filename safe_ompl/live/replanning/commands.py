@@ -34,9 +34,10 @@ from safe_ompl.scene import Scene
 _log = logging.getLogger(__name__)
 _Given = TypeVar("_Given", bound="Command")
 
-# Accelerations that are tried between full braking (−1) and full acceleration (1), by bisection.
-_PUSHES: tuple[float, ...] = tuple((np.arange(-15, 16) / 16).tolist())
-_SAME = 1e-6  # [rad] places nearer than this are one
+# Path accelerations that are tried by bisection, as shares of the braking: from full braking to full acceleration.
+_ACCELERATIONS: tuple[float, ...] = tuple((np.arange(-15, 16) / 16).tolist())
+# Places that are nearer than this are one.
+_SAME = 1e-6  # [rad]
 
 
 class Action(str, Enum):
@@ -75,9 +76,9 @@ class Command:
 
     def at(self, time: float) -> State:
         """Return joint values, velocities and accelerations (n,) at a time [s] from `time` on."""
-        s, speed, push = self.motion.at(time - self.time)
+        s, speed, acceleration = self.motion.at(time - self.time)
         q, first, second, _ = (values[0] for values in self.path.curve.places(np.array([s])))
-        return State(q, first * speed, first * push + second * speed * speed)
+        return State(q, first * speed, first * acceleration + second * speed * speed)
 
     def until_rest(self, time: float, step: float) -> tuple[FloatArray, list[State]]:
         """Return times (K,) [s] from one on, a step apart, the last one when the robot stands, and what holds then."""
@@ -232,29 +233,29 @@ class CommandProver:
 
     def _slower(self, path: BoundedPath, s: float, speed: float, time: float) -> Command | None:
         """Return the fastest one of those with less than full acceleration; None if none is proven."""
-        pushes = [push for push in (-1.0, *_PUSHES) if speed > 0 or push > 0]
-        found, blamed, first, last = None, self._margin, 0, len(pushes)
+        shares = [share for share in (-1.0, *_ACCELERATIONS) if speed > 0 or share > 0]
+        found, blamed, first, last = None, self._margin, 0, len(shares)
         while first < last:  # by bisection: a motion that is slower than a proven one most often is proven
             middle, self._margin = (first + last) // 2, blamed
-            slower = self._proven(path, s, speed, pushes[middle], time, blamed)
+            slower = self._proven(path, s, speed, shares[middle], time, blamed)
             found = slower or found
             first, last = (first, middle) if slower is None else (middle + 1, last)
         return found
 
     def _proven(
-        self, path: BoundedPath, s: float, speed: float, push: float, time: float, why: MotionMargin | str = ""
+        self, path: BoundedPath, s: float, speed: float, share: float, time: float, why: MotionMargin | str = ""
     ) -> Command | None:
-        """Return the motion from (s, ṡ) with s̈ = push · brakes and its stop if both are proven; else note the margin.
+        """Return the motion from (s, ṡ) with s̈ = share · brakes and its stop if both are proven; else note the margin.
 
         `why` it is not the fastest one is the margin of that, or what is wrong with who is around.
         """
         around = self._around(time)
-        motion = path.motion_from(s, speed * speed, push, self.tick, self._past)
+        motion = path.motion_from(s, speed * speed, share, self.tick, self._past)
         margin = path.margin(motion, around)
         if margin.margin < 0:
             self._margin = margin
             return None
-        action = Action.BRAKING if push == -1.0 else Action.SLOWED if why else Action.MOVING
+        action = Action.BRAKING if share == -1.0 else Action.SLOWED if why else Action.MOVING
         reason, rule = (why.description, why.rule) if isinstance(why, MotionMargin) else (why, "")
         if rule not in ("", SEPARATION) and path.margin(motion, around._replace(contact=None)).margin >= 0:
             rule = SEPARATION

@@ -261,7 +261,7 @@ class Detours:
         expected, left = coarse.pace(around, self._tick)
         self._undisturbed = path, now + left
         ahead = coarse.edges[1:] > rest
-        alone = np.diff(coarse.edges) / np.sqrt(coarse.squares)  # how long cells take with nobody near, at least
+        alone = np.diff(coarse.edges) / np.sqrt(coarse.squared_limits)  # how long cells take with nobody near, at least
         stay, least = float(expected[ahead].sum()), float(alone[ahead].sum())
         if stay < _SLOW * least + _WORTH:
             return None

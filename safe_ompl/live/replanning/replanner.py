@@ -37,7 +37,8 @@ from safe_ompl.motions import SEPARATION, Trajectory, first_unproven
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-_PUSHES = (1.0, 0.2, 0.0, -1.0)  # accelerations that are tried in retreats, from full acceleration to full braking
+# Path accelerations that are tried in retreats, as shares of the braking.
+_ACCELERATIONS = (1.0, 0.2, 0.0, -1.0)
 _CRAWL = 0.3  # [rad/s] a robot that is slower tries whether a retreat gets
 _FARTHER = 2.0  # so many times as far
 _SAME = 1e-6  # [rad] places nearer than this are one
@@ -193,8 +194,8 @@ class Replanner(CommandProver):
             return None
         around = self._around(time)
         receding = Receding(path, s, around.sets)
-        for push in _PUSHES:
-            motion = path.motion_from(s, speed * speed, push, self.tick, self._past)
+        for share in _ACCELERATIONS:
+            motion = path.motion_from(s, speed * speed, share, self.tick, self._past)
             if motion.places[-1] - s < _SAME:
                 continue
             margin = path.margin(motion, around, receding=receding.along(motion))

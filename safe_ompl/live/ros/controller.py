@@ -119,12 +119,12 @@ class LiveController:
         self.driving = False
         self._start: FloatArray = np.zeros(self.cell.robot.n)  # of the path that is planned
         self.command: Command | None = None
-        self.told_by: Replanner | Shield | None = None
+        self.commanded_by: Replanner | Shield | None = None
         self._commands: deque[Command] = deque(maxlen=_HISTORY)
 
     # --------------------------------------------------------------------------------------------- what was measured
 
-    def see_joints(
+    def receive_joints(
         self, time: float, names: Sequence[str], position: Sequence[float], velocity: Sequence[float] = ()
     ) -> None:
         """Take joint values and velocities; without velocities they follow from the values before."""
@@ -141,7 +141,7 @@ class LiveController:
             qd = self.cell.robot.difference(self.joints.q, q) / (time - self.joints.time)
         self.joints = Joints(time, q, qd)
 
-    def see_people(self, time: float, people: Mapping[str, FloatArray]) -> None:
+    def receive_people(self, time: float, people: Mapping[str, FloatArray]) -> None:
         """Take key points (J, 3) of people in the world, in the order of their skeletons; NaN: not seen."""
         for name, points in people.items():
             if name in self.cell.trackers:
@@ -154,13 +154,13 @@ class LiveController:
             self._strangers = max(self._strangers, (time, strangers[0]))
             raise UnknownNameError("person", strangers[0], self.cell.trackers)
 
-    def see_object(self, time: float, name: str, place: Pose) -> None:
+    def receive_object(self, time: float, name: str, place: Pose) -> None:
         """Take the pose of an obstacle that moves, in the world."""
         if name not in self.cell.objects:
             raise UnknownNameError("object", name, self.cell.objects)
         self._sightings.add(name, time, self._clock(), place)
 
-    def see_cloud(self, time: float, points: FloatArray) -> None:
+    def receive_cloud(self, time: float, points: FloatArray) -> None:
         """Take points (M, 3) in the world [m]; those of the robot and of tracked people are left out."""
         if self.joints is None or abs(time - self.joints.time) > _JOINTS_LATE:
             raise InputError("comes without joint states of its time: the robot's own points are not known")
@@ -266,8 +266,8 @@ class LiveController:
         """Return what the robot may have done when joints were measured last: what it should, or did a lag before."""
         now, lag = -np.inf if self.joints is None else self.joints.time, self.options.replanning.lag
         times = (now - lag * np.linspace(0.0, 1.0, _LAGS if lag else 1)).tolist()
-        told = [(time, [one for one in self._commands if one.time <= time]) for time in times]
-        return [before[-1].at(time) for time, before in told if before]
+        given = [(time, [one for one in self._commands if one.time <= time]) for time in times]
+        return [before[-1].at(time) for time, before in given if before]
 
     def errors(self) -> tuple[FloatArray, FloatArray]:
         """Return how far joints and velocities (n,), as measured last, were from what was commanded within the lag."""
@@ -292,7 +292,7 @@ class LiveController:
                 self._halt(f"the answer came {1e3 * late:.0f} ms too late")
                 return
             self._commands.append(command)
-        self.command, self.told_by, self._why = command, self._pilot, command.reason
+        self.command, self.commanded_by, self._why = command, self._pilot, command.reason
         if command.action is not Action.DONE or self.cell.shielded:
             return
         if self.segments is not None:
@@ -349,7 +349,7 @@ class LiveController:
             self._why = why
             return
         replanner = self.segments.current.replanner
-        replanner.resume(self.command if self.told_by is replanner else None)
+        replanner.resume(self.command if self.commanded_by is replanner else None)
         self.driving = True
 
     def _take_plan(self) -> None:

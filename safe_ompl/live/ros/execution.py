@@ -227,7 +227,7 @@ class TrajectoryGuard:
     def _look(self, execution: Execution, now: float, reason: str) -> None:
         """Say how far a trajectory is; end it if it has arrived, failed, or takes too long."""
         controller, command, drive = self.controller, self.controller.command, execution.drive
-        driven = drive is not None and controller.told_by is drive[0]
+        driven = drive is not None and controller.commanded_by is drive[0]
         if driven and command is not None:
             assert drive is not None
             execution.began = min(execution.began, now)
@@ -271,7 +271,7 @@ class TrajectoryGuard:
         execution, command = self.execution, self.controller.command
         if execution is None or execution.drive is None or command is None:
             return None
-        if self.controller.told_by is not execution.drive[0]:
+        if self.controller.commanded_by is not execution.drive[0]:
             return None
         now = self._clock()
         state = command.at(max(now, command.time))

@@ -182,17 +182,19 @@ class RosNode:
         controller, cell, frames = self._controller, self._controller.cell, self._frames
 
         def joints(message: Any) -> None:
-            controller.see_joints(messages.stamp_of(message.header), message.name, message.position, message.velocity)
+            controller.receive_joints(
+                messages.stamp_of(message.header), message.name, message.position, message.velocity
+            )
 
         def people(message: Any) -> None:
             if not cell.trackers:
                 raise InputError("nobody is tracked: give --people", "people")
             skeleton = next(iter(cell.trackers.values())).skeleton
-            controller.see_people(*messages.people_of_markers(message, skeleton, frames))
+            controller.receive_people(*messages.people_of_markers(message, skeleton, frames))
 
         def thing(name: str, message: Any) -> None:
             time, pose = messages.pose_of(message, frames)
-            controller.see_object(time, name, pose)
+            controller.receive_object(time, name, pose)
 
         self._subscribe(messages.JOINT_STATE, "joint_states", joints)
         self._subscribe(messages.MARKERS, "people", people)
@@ -202,7 +204,9 @@ class RosNode:
             self._subscribe(messages.BOOL, "run", lambda message: controller.run(message.data), reliable=True)
             return
         radius = controller.options.cloud_radius
-        self._subscribe(CLOUD, "cloud", lambda cloud: controller.see_cloud(*messages.cloud_of(cloud, radius, frames)))
+        self._subscribe(
+            CLOUD, "cloud", lambda cloud: controller.receive_cloud(*messages.cloud_of(cloud, radius, frames))
+        )
         if cell.shielded:
             proposal = messages.JOINT_TRAJECTORY, "proposal"
             self._subscribe(*proposal, lambda message: controller.propose(*messages.proposal_of(message, self._robot)))

@@ -55,9 +55,9 @@ class Drive:
     def see(self):
         """Measure the robot and the person."""
         if not self.joints:
-            self.controller.see_joints(self.time, self.robot.joint_names, self.q, self.qd)
+            self.controller.receive_joints(self.time, self.robot.joint_names, self.q, self.qd)
         if not self.people:
-            self.controller.see_people(self.time, dict.fromkeys(self.controller.cell.trackers, BODY + self.person))
+            self.controller.receive_people(self.time, dict.fromkeys(self.controller.cell.trackers, BODY + self.person))
 
     def run(self, seconds):
         """Go on, and return the ticks."""

@@ -177,15 +177,15 @@ def test_what_is_lost_stops_it_and_it_goes_on(drive, there, lost):
 def test_new_points_of_a_cloud_stop_it_until_they_are_gone(drive, there):
     wall, thing = ball([-0.6, -0.6, 0.3]), ball(drive.robot.keypoints(np.array(WAY[2]))[-1])
     drive.run(0.05)
-    drive.controller.see_cloud(drive.time, wall)
+    drive.controller.receive_cloud(drive.time, wall)
     execution, outcomes = send(drive, *there)
     drive.run(0.5)
-    drive.controller.see_cloud(drive.time, np.concatenate([wall, thing]))
+    drive.controller.receive_cloud(drive.time, np.concatenate([wall, thing]))
     drive.run(1.2)
     assert not drive.qd.any()
     assert not outcomes
     assert execution.objection.startswith("not free of what stands still at ")
-    drive.controller.see_cloud(drive.time, wall)
+    drive.controller.receive_cloud(drive.time, wall)
     arrives(drive, outcomes)
 
 

@@ -127,12 +127,13 @@ def test_where_a_goal_is_barred_another_one_is_served(replanner_for, to_and_fro,
 def test_a_path_under_a_cap_of_link_speed_keeps_it_everywhere(panda, to_and_fro, replanner_for):
     way = to_and_fro(replanner_for("ball"))[0]
     path = BoundedPath.along(RobotBodies(panda), way.curve, SpeedLimits(way.limits, link_speed=0.7))
-    for s, square in zip(0.5 * (path.edges[1:] + path.edges[:-1]), path.squares, strict=True):
+    for s, square in zip(0.5 * (path.edges[1:] + path.edges[:-1]), path.squared_limits, strict=True):
         place = path.curve.places(np.array([s]))
         step = 1e-5 * np.sqrt(square)
         moved = panda.keypoints(place.q[0] + step * place.dq_ds[0]) - panda.keypoints(place.q[0])
         assert np.linalg.norm(moved, axis=1).max() <= 0.7 * 1e-5 * 1.001
-    assert path.squares.min() < BoundedPath.along(path.bodies, way.curve, SpeedLimits(way.limits)).squares.min()
+    free = BoundedPath.along(path.bodies, way.curve, SpeedLimits(way.limits))
+    assert path.squared_limits.min() < free.squared_limits.min()
 
 
 def test_joined_paths_have_an_acceleration_in_every_cell_however_lengths_are_rounded(panda):
