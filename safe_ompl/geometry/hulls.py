@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, halton_point
 from safe_ompl.geometry.cells import Voxels
+from safe_ompl.geometry.convex import ShapeTable
 from safe_ompl.geometry.kernels import BODY, NODE, Records, Shapes, extreme_vertices
 from safe_ompl.geometry.pose import LONGEST
 
@@ -229,6 +231,11 @@ class ConvexBodies:
     exact: BoolArray
     solids: Mapping[int, Voxels] = field(default_factory=dict)
     nodes: Records = field(default_factory=lambda: _NO_NODES)
+
+    @cached_property
+    def table(self) -> ShapeTable:
+        """The same for compiled code."""
+        return ShapeTable(self.bodies, self.starts, self.vertices, self.nodes)
 
     @property
     def shapes(self) -> Shapes:

@@ -8,7 +8,7 @@ from .caps import (
     braking as braking,
     speed_caps as speed_caps,
 )
-from .cells import BodySpeeds as BodySpeeds, Cells as Cells, CurvePoints as CurvePoints
+from .cells import BodySpeeds as BodySpeeds, Boxes as Boxes, Cells as Cells, CurvePoints as CurvePoints
 from .checks import (
     TIME as TIME,
     MotionCheck as MotionCheck,
@@ -36,7 +36,7 @@ from .contact import (
     contact_speed as contact_speed,
 )
 from .danger import MotionDanger as MotionDanger
-from .kernels import Boxes as Boxes, ceilings as ceilings, drive as drive
+from .laws import ceilings as ceilings, drive as drive
 from .limits import RATE_TOLERANCE as RATE_TOLERANCE, RateLimits as RateLimits
 from .motion import Motion as Motion
 from .rates import Violation as Violation, rate_violations as rate_violations

@@ -10,8 +10,8 @@ from safe_ompl.robot.kinematics cimport JointTable, move_joints, place_joints
 
 import numpy as np
 
-from safe_ompl.collision.queries import DISTANCE_ERROR
 from safe_ompl.common import InputError
+from safe_ompl.geometry import DISTANCE_ERROR
 
 # What rounding may take from a distance that is asked for [m].
 cdef double DISTANCE_ROUNDING = 1e-9
@@ -37,13 +37,18 @@ cdef class BodyCorners:
     cdef const Py_ssize_t[::1] carriers
     cdef const double[:, :, ::1] corners
     cdef const double[::1] pads
+    cdef object _given
 
     def __init__(self, JointTable joints not None, carriers, corners, pads):
+        self._given = joints, carriers, corners, pads
         self.joints, self.carriers, self.corners, self.pads = joints, carriers, corners, pads
         cdef Py_ssize_t G = self.carriers.shape[0]
         if np.shape(corners) != (G, 8, 3) or self.pads.shape[0] != G:
             raise InputError(f"corners must have shape ({G}, 8, 3), and pads ({G},)")
         _check_range("carriers", self.carriers, 0, joints.m + 1)
+
+    def __reduce__(self):
+        return BodyCorners, self._given
 
     def speeds(self, const double[:, ::1] values, const double[:, ::1] rates):
         """Return how fast the points (B, G) of boxes are at most, at `values` and `rates` (B, m) of the joints."""
@@ -143,8 +148,10 @@ cdef class ClosingGaps:
     cdef const double[:, ::1] radii
     cdef const double[::1] widths
     cdef const double[::1] harmless
+    cdef object _given
 
     def __init__(self, JointTable joints not None, ShapeTable shapes not None, pairs, sides, radii, widths, harmless):
+        self._given = joints, shapes, pairs, sides, radii, widths, harmless
         self.joints, self.shapes = joints, shapes
         self.pairs, self.sides, self.radii, self.widths, self.harmless = pairs, sides, radii, widths, harmless
         cdef Py_ssize_t P = self.pairs.shape[0]
@@ -155,6 +162,9 @@ cdef class ClosingGaps:
             raise InputError(f"harmless must have {self.widths.shape[0]} rows, got {self.harmless.shape[0]}")
         _check_range("pairs", pairs.ravel(), 0, shapes.count)
         _check_carried(joints, shapes)
+
+    def __reduce__(self):
+        return ClosingGaps, self._given
 
     def rates(
         self, const double[:, ::1] values, const double[::1] sizes, const double[:, ::1] slopes,
@@ -239,11 +249,13 @@ cdef class LimbArrivals:
     cdef const Py_ssize_t[::1] limbs
     cdef const double[::1] speeds
     cdef double clearance, reaction
+    cdef object _given
 
     def __init__(
         self, JointTable joints not None, ShapeTable shapes not None, bodies, limbs, speeds, double clearance,
         double reaction,
     ):
+        self._given = joints, shapes, bodies, limbs, speeds, clearance, reaction
         self.joints, self.shapes, self.clearance, self.reaction = joints, shapes, clearance, reaction
         self.bodies, self.limbs, self.speeds = bodies, limbs, speeds
         if self.speeds.shape[0] != self.limbs.shape[0]:
@@ -251,6 +263,9 @@ cdef class LimbArrivals:
         _check_range("bodies", self.bodies, 0, shapes.count)
         _check_range("limbs", self.limbs, 0, shapes.count)
         _check_carried(joints, shapes)
+
+    def __reduce__(self):
+        return LimbArrivals, self._given
 
     def along(self, const double[:, ::1] values, const double[:, ::1] half, double soon, double short):
         """Return distances and arrival times (N, M) of limbs, and the body (N, M) that each comes to first.

@@ -10,7 +10,7 @@ from safe_ompl.common import RATE_BOUNDS, BoolArray, FloatArray, InputError, Int
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.motions.cells import BodySpeeds, Cells, divided_edges
 from safe_ompl.motions.contact import CLAMPING, CONTACT, SEPARATION
-from safe_ompl.motions.kernels import stopping_speeds
+from safe_ompl.motions.laws import stopping_speeds
 from safe_ompl.motions.limits import RateLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.separation import PeopleDistances, SeparationBounds
@@ -80,7 +80,7 @@ def people_caps(
 
     A stop may decelerate by b_k = min_i (a_i − |q″_i|x_k)/|q′_i| in cell k, with the largest x_k = ṡ² there, and does
     not brake harder than it began. It ends before a person comes nearer than the clearance, or the robot is then so
-    slow that a contact is harmless (`safe_ompl.motions.kernels`, `.contact`). A cell that bounds the speed is
+    slow that a contact is harmless (`safe_ompl.motions.laws`, `.contact`). A cell that bounds the speed is
     divided if motion within it costs more than the share `loss` of the time that is left. With a limit of the jerk all
     this is said of a plan, than which the motion is later by the window at most (`.time_law`).
 
@@ -98,7 +98,8 @@ def people_caps(
         # Of each of K groups of limbs (M,) which one comes first in each cell (N, K), and when
         rows = [np.flatnonzero(distances.alike == group) for group in range(int(distances.alike.max()) + 1)]
         first = np.stack([row[left.times[:, row].argmin(axis=1)] for row in rows], axis=1)
-        times, harmless = np.take_along_axis(left.times, first, axis=1), harmless[:, first[0]]
+        times = np.take_along_axis(left.times, first, axis=1)
+        harmless = np.ascontiguousarray(harmless[:, first[0]])
         if limits.jerk is not None:
             window = window or best_window(cells, limits, caps, times)
             smooth = SmoothLimits.of(cells, limits, caps, window, stops=True)

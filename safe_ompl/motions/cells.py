@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import sqrt
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled
-from safe_ompl.motions.kernels import Boxes
+from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.motions.bodies import BodyCorners, acceleration_bounds
 from safe_ompl.robot import Robot, plain
-from safe_ompl.robot.kernels import move_joints, place_joints
 
 if TYPE_CHECKING:
     from safe_ompl.motions.motion import Motion
@@ -25,6 +23,15 @@ class CurvePoints(NamedTuple):
     dq_ds: FloatArray
     d2q_ds2: FloatArray
     d3q_ds3: FloatArray
+
+
+class Boxes(NamedTuple):
+    """Boxes of q′ and q″ over N cells, each (N, n)."""
+
+    slope_low: FloatArray
+    slope_high: FloatArray
+    bend_low: FloatArray
+    bend_high: FloatArray
 
 
 @dataclass(frozen=True)
@@ -70,41 +77,6 @@ def divided_edges(edges: FloatArray, parts: IntArray) -> FloatArray:
 # ------------------------------------------------------------------------------------ how fast bodies are along it
 
 
-class _Boxes(NamedTuple):
-    """Boxes about G bodies: Pinocchio's number of the joint, corners in its frame (G, 8, 3) and what is added [m]."""
-
-    carriers: IntArray
-    corners: FloatArray
-    pads: FloatArray
-
-
-@compiled
-def box_speeds(joints: Any, boxes: _Boxes, values: FloatArray, rates: FloatArray) -> FloatArray:
-    """Return how fast the points (B, G) of boxes are at most, at `values` and `rates` (B, m) of the joints."""
-    B, m = values.shape
-    found, twists = np.zeros((B, len(boxes.carriers))), np.empty((m, 6))
-    rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
-    for b in range(B):
-        place_joints(joints, values[b], rotation, origin, axis)
-        move_joints(joints, rates[b], origin, axis, twists)
-        for g in range(len(boxes.carriers)):
-            joint = boxes.carriers[g] - 1
-            if joint < 0:
-                continue
-            w, R, o = twists[joint], rotation[joint], origin[joint]
-            most = 0.0
-            for k in range(8):
-                p = boxes.corners[g, k]
-                x = o[0] + R[0, 0] * p[0] + R[0, 1] * p[1] + R[0, 2] * p[2]
-                y = o[1] + R[1, 0] * p[0] + R[1, 1] * p[1] + R[1, 2] * p[2]
-                z = o[2] + R[2, 0] * p[0] + R[2, 1] * p[1] + R[2, 2] * p[2]
-                u, v = w[3] + w[1] * z - w[2] * y, w[4] + w[2] * x - w[0] * z
-                most = max(most, u * u + v * v + (w[5] + w[0] * y - w[1] * x) ** 2)
-            turning = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
-            found[b, g] = sqrt(most) + boxes.pads[g] * turning
-    return found
-
-
 class BodySpeeds:
     """Bounds of the speed of every point of a body of a robot, per unit of its parameter, over the cells of a motion.
 
@@ -119,7 +91,8 @@ class BodySpeeds:
         joints, corners, pads, _ = robot.bounds.body_corners
         carriers = np.append(joints, robot.tip_joint)
         tip = np.tile(robot.tip_placement.translation, (1, 8, 1))
-        self._boxes = _Boxes(carriers, np.concatenate([corners, tip]), np.append(pads, 0.0))
+        corners, table = np.concatenate([corners, tip]), robot.kinematics.table
+        self._corners = BodyCorners(table, carriers, corners, np.append(pads, 0.0))
         self._radii: FloatArray = np.vstack([robot.bounds.joint_radii, robot.bounds.tip_radii])
         self._turned = robot.supporting_joints(carriers) & ~robot.joint_prismatic
 
@@ -128,29 +101,9 @@ class BodySpeeds:
         place = motion.places(cells.centres)
         half = cells.sizes[:, None] / 2
         values, rates = (plain(self._robot.coupling.values(place.q)), plain(self._robot.coupling.motions(place.dq_ds)))
-        found = box_speeds(self._robot.kinematics.joints, self._boxes, values, rates)
-        return found + half * self.accelerations(cells)
+        return self._corners.speeds(values, rates) + half * self.accelerations(cells)
 
     def accelerations(self, cells: Cells) -> FloatArray:
         """Return bounds (N, G + 1) of ‖x″‖ of all points of the bodies and of the tip [m/rad²]."""
         steps, bends = (plain(self._robot.coupling.reach(bound)) for bound in (cells.slopes, cells.bends))
         return acceleration_bounds(self._radii, self._turned, steps, bends)
-
-
-@compiled
-def acceleration_bounds(radii: FloatArray, turned: BoolArray, steps: FloatArray, bends: FloatArray) -> FloatArray:
-    """Return bounds (N, G) of ‖x″‖ of every point of G bodies along a curve, by arc length; see `BodySpeeds`.
-
-    R̄ of the m joints of the model are `radii: (G, m)`, `turned` says which of them turn each body; `steps` and `bends`,
-    (N, m), are bounds of their |q′| and |q″|.
-    """
-    (N, m), G = steps.shape, len(radii)
-    found = np.zeros((N, G))
-    for k in range(N):
-        for g in range(G):
-            below = 0.0
-            for j in range(m):
-                turn = steps[k, j] if turned[g, j] else 0.0
-                found[k, g] += radii[g, j] * (steps[k, j] * (2 * below + turn) + bends[k, j])
-                below += turn
-    return found

@@ -19,22 +19,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import product
 from math import inf
-from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, IntArray, compiled
+from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.geometry import LIMBS, STANDING, ConvexBodies
-from safe_ompl.geometry.kernels import POSE, Shapes, distance_bound, place_bodies
+from safe_ompl.motions.bodies import ClosingGaps
 from safe_ompl.robot import Robot, plain
-from safe_ompl.robot.kernels import place_joints
 from safe_ompl.scene import BodyRegion, People, Scene
 
 CONTACT_RULES = SEPARATION, CONTACT, CLAMPING = "separation", "contact", "clamping"
 _TRUNK = ("neck", "shoulders", "torso", "hips", "left_flank", "right_flank")
 _SLOWEST = 1e-12  # [m/rad] bodies that move less stand still
-_ROUNDING = 1e-9  # [m]
 
 
 def contact_speed(region: BodyRegion, clamped_by: float | None = None) -> float:
@@ -52,59 +49,6 @@ def limb_thickness(limb: str, height: float) -> float:
         across = float(np.linalg.norm(STANDING["left_shoulder"] - STANDING["right_shoulder"]))
         return height * (across + 2 * LIMBS["shoulders"][2])
     return 2 * LIMBS[limb][2] * height if limb in LIMBS else np.inf
-
-
-class _Gaps(NamedTuple):
-    """The P gaps of a robot with G moving bodies, and the K widths of limbs."""
-
-    pairs: IntArray  # (P, 2), bodies among the shapes
-    sides: IntArray  # (P, 2), the same among those that move; G: it stands still
-    radii: FloatArray  # (P, m), by which each joint closes it at most [m/rad]; 1 for those that slide
-    widths: FloatArray  # (K,) [m]
-    harmless: FloatArray  # (K,), the share of a body's speed at which gaps may close that clamp no worse than it hits
-
-
-@compiled
-def closing_rates(
-    joints: Any,
-    shapes: Shapes,
-    gaps: _Gaps,
-    values: FloatArray,
-    sizes: FloatArray,
-    slopes: FloatArray,
-    bodies: FloatArray,
-) -> FloatArray:
-    """Return how fast gaps of each body close in which limbs of each width may fit, by arc length (N, G, K) [m/rad].
-
-    Gaps that close at a harmless rate do not count. Distances are asked only of those that close faster than another
-    of the body in which the limb fits. `joints` is a table of `safe_ompl.robot.kernels`; cells as of
-    `ContactLimits.speeds`, with the `values: (N, m)` of the model's joints, and a column of 0 besides `bodies`.
-    """
-    N, m, G, K = len(values), values.shape[1], bodies.shape[1] - 1, len(gaps.widths)
-    poses, simplex = np.empty(len(shapes.bodies), POSE), np.empty((4, 3))
-    axes, found = np.zeros((len(gaps.pairs), 3)), np.zeros((N, G, K))
-    rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
-    for row in range(N):
-        place_joints(joints, values[row], rotations, origins, joint_axes)
-        if row == 0:
-            place_bodies(shapes.bodies, poses, rotations, origins, False)
-        place_bodies(shapes.bodies, poses, rotations, origins, True)
-        for p in range(len(gaps.pairs)):
-            g, rate = gaps.sides[p, 0], 0.0
-            for i in range(m):
-                rate += gaps.radii[p, i] * slopes[row, i]
-            rate = min(rate, bodies[row, g] + bodies[row, gaps.sides[p, 1]])
-            half, apart = 0.5 * sizes[row] * rate, -inf
-            for k in range(K - 1, -1, -1):
-                width = gaps.widths[k]
-                if rate <= max(found[row, g, k], gaps.harmless[k] * bodies[row, g]):
-                    continue
-                if width < inf and not apart > width:
-                    a, b, enough = gaps.pairs[p, 0], gaps.pairs[p, 1], width + half + _ROUNDING
-                    apart = distance_bound(shapes, poses, a, b, axes[p], simplex, enough) - half
-                if not apart > width:
-                    found[row, g, k] = rate
-    return found
 
 
 class ContactLimits:
@@ -155,8 +99,8 @@ class ContactLimits:
         widths, self._width_of = np.unique(self.thickness, return_inverse=True)
         harmless = np.full(len(widths), inf)
         np.minimum.at(harmless, self._width_of, shares)
-        self._data = robot.kinematics.joints, bodies.shapes
-        self._gaps = _Gaps(np.sort(pair_bodies, axis=1), sides[pair_bodies], radii, widths, harmless)
+        tables = robot.kinematics.table, bodies.table
+        self._gaps = ClosingGaps(*tables, np.sort(pair_bodies, axis=1), sides[pair_bodies], radii, widths, harmless)
 
     def speeds(
         self, Q: FloatArray, sizes: FloatArray, slopes: FloatArray, bodies: FloatArray
@@ -172,6 +116,6 @@ class ContactLimits:
         speeds = np.zeros((len(Q), bodies.shape[1] + 1))
         speeds[:, :-1] = bodies
         values, reach = plain(self._coupling.values(Q)), plain(self._coupling.reach(slopes))
-        rates = closing_rates(*self._data, self._gaps, values, plain(sizes), reach, speeds)
+        rates = self._gaps.rates(values, plain(sizes), reach, speeds)
         slow = self.bears_clamped / np.maximum(rates, _SLOWEST)[:, :, self._width_of]
         return np.minimum(slow, free), free

@@ -10,7 +10,8 @@ import numpy as np
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.danger.kernels import CellMotions, cell_bounds
-from safe_ompl.motions.cells import Cells, acceleration_bounds, divided_edges
+from safe_ompl.motions.bodies import acceleration_bounds
+from safe_ompl.motions.cells import Cells, divided_edges
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.time_law import TimeLaw
 from safe_ompl.robot import plain

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, IntArray, documents, finite_array, float_array, polynomials, shown
 from safe_ompl.motions import forms
-from safe_ompl.motions.cells import Cells, CurvePoints, divided_edges
-from safe_ompl.motions.kernels import Boxes, derivative_ranges, derivatives
+from safe_ompl.motions.cells import Boxes, Cells, CurvePoints, divided_edges
+from safe_ompl.motions.laws import derivative_ranges, derivatives
 from safe_ompl.motions.limits import RATE_TOLERANCE
 from safe_ompl.robot import Robot, plain
 
@@ -290,7 +290,6 @@ class Motion:
         In contrast to `at` the first and the last piece go on beyond the ends.
         """
         which = self.piece_at(s) if pieces is None else pieces
-        # Kernels are compiled for arrays that cannot be written, as those of every motion are.
         return CurvePoints(*derivatives(self.times, self.coefficients, which, plain(s)))
 
     def cells(self, step: float, turn: float = 0.1) -> Cells:

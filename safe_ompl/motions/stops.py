@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.motions.caps import harmless_rates, next_stops
 from safe_ompl.motions.cells import BodySpeeds, Cells, divided_edges
-from safe_ompl.motions.kernels import Boxes, next_range
+from safe_ompl.motions.laws import braking_squares, time_left
 from safe_ompl.motions.limits import RATE_TOLERANCE, RateLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.separation import PeopleDistances, SeparationBounds
@@ -25,56 +25,6 @@ _MOST = 8  # parts of a cell in one round
 _ROUGH = 0.01  # share of the time of a stop by which it might be shorter in finer cells
 _NEARLY = 0.9  # of the speed that is harmless
 _FINEST = 1e-4  # [s] No cell is divided into smaller ones.
-
-
-@part
-def _braked(x: float, k: int, sizes: FloatArray, boxes: Boxes, limits: FloatArray) -> float:
-    """Return x at the end of cell k of a stop that enters it with x; negative where it ends before."""
-    low, high = next_range(x, sizes[k], boxes, k, limits, x, -np.inf)
-    return float(low if low <= high else x)
-
-
-@compiled
-def braking_squares(first: int, last: int, sizes: FloatArray, boxes: Boxes, limits: FloatArray) -> FloatArray:
-    """Return x at the edges from the start of cell `first` on, 1 there, until it is not above 0 or behind `last`."""
-    found = np.empty(max(last - first, -1) + 2)
-    found[0], n = 1.0, 1
-    for k in range(first, last + 1):
-        found[n] = _braked(found[n - 1], k, sizes, boxes, limits)
-        n += 1
-        if found[n - 1] <= 0.0:
-            break
-    return found[:n].copy()
-
-
-@compiled
-def time_left(
-    sizes: FloatArray, boxes: Boxes, limits: FloatArray, ends: IntArray, times: FloatArray, harmless: FloatArray
-) -> tuple[FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
-    """Return the least τ_km − T_jk (N,) of each cell j, which limb m in which cell k, √x there; and the T of stops.
-
-    The motion is next at rest behind cells `ends: (N,)`; `times` and `harmless`, (N, M), are τ [s] and u of each limb.
-    """
-    N, M = times.shape
-    left, limb, where, spans = np.full(N, np.inf), np.full(N, -1), np.full(N, -1), np.empty(N)
-    rates = np.zeros(N)
-    for j in range(N):
-        x, y, span = 1.0, 1.0, sizes[j]
-        for k in range(j, ends[j] + 1):
-            if k > j:
-                y = _braked(x, k, sizes, boxes, limits)
-                if y > 0.0:
-                    span += 2 * sizes[k] / (np.sqrt(x) + np.sqrt(y))
-                else:
-                    span += 2 * sizes[k] * np.sqrt(x) / (x - y)
-            for m in range(M):
-                if times[k, m] - span < left[j] and x > harmless[k, m] ** 2:
-                    left[j], limb[j], where[j], rates[j] = times[k, m] - span, m, k, np.sqrt(x)
-            x = y
-            if x <= 0.0:
-                break
-        spans[j] = span
-    return left, limb, where, rates, spans
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.motions.blends import BENDS
-from safe_ompl.motions.cells import Cells
-from safe_ompl.motions.kernels import Boxes, fastest, spread
+from safe_ompl.motions.cells import Boxes, Cells
+from safe_ompl.motions.laws import fastest, spread
 from safe_ompl.motions.limits import RateLimits
 from safe_ompl.robot import plain
 

@@ -29,7 +29,7 @@ from safe_ompl.drawing import render_path
 from safe_ompl.geometry import Obstacle, Person, Pose
 from safe_ompl.live import Surroundings, Tracker, find_skeleton
 from safe_ompl.live.replanning import Replanner
-from safe_ompl.motions import Motion, RateLimits, check, time_path
+from safe_ompl.motions import RateLimits, time_path
 from safe_ompl.planning import PLAN_JOBS, SafeSetup, setup_scenario, small_robot
 from safe_ompl.planning.simplification import ask_for_retreats
 from safe_ompl.scene import People, Scene
@@ -130,28 +130,21 @@ def ask_for_many_points() -> None:
 
 
 def ask_for_motions() -> None:
-    """Call what danger in motion needs, its gradients, and bounds on paths and in time."""
+    """Call what danger in motion needs, its gradients, and bounds on paths."""
     q, field = np.zeros(2), _field(1)
     limits = RateLimits.of(field.robot, acceleration=10.0)
     time_path([q, q + 1.0], field.robot, limits, danger=KinetostaticField(field), max_danger=1e3)
     KinetostaticField(field).values_and_gradients([q], [q + 1.0])
     CertifiedDanger(field).of_path([q, q + 1.0])
     field.push(q)
-    motion = Motion.hermite([0.0, 2.0], [q, q + 1.0], [q, q])
-    scene = Scene((Obstacle("person", Person(), Pose((9.0, 0.0, 0.0))),))
-    checked = check(motion, field.robot, scene, limits=limits, people=People(speed=1.6))
-    assert checked.stops is not None
-    checked.stops.stop_from(1.0)
 
 
 def ask_for_simplification() -> None:
-    """Call what planning, simplification and motions in time need."""
+    """Call what planning and simplification need."""
     robot = small_robot()
     setup = SafeSetup(robot, Scene((Obstacle("person", Person(), Pose((1.4, 0.0, -1.0))),)))
     setup.setConfigurations([-1.0, 0.0], [1.0, 0.0])
-    result = setup.plan(_PLANNER, time=_TIME, seed=0, simplify=True)
-    result.timed(RateLimits.of(robot, acceleration=10.0, jerk=100.0), people=People(speed=1.6))
-    result.timed(RateLimits.of(robot, acceleration=10.0), people=People(speed=1.6, contact=True))
+    setup.plan(_PLANNER, time=_TIME, seed=0, simplify=True)
     ask_for_retreats()
 
 
