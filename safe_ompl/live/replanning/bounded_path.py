@@ -299,11 +299,9 @@ class BoundedPath:
     bodies: RobotBodies  # The robot's
     curve: Motion  # The path, proven against all that stands still
     limits: SpeedLimits  # The limits that it keeps
-    edges: FloatArray  # (N + 1,), ends of the cells [rad]
+    cells: Cells  # The N cells
     squared_limits: FloatArray  # (N,), bounds X of ṡ²
     brakes: FloatArray  # (N,), bounds b of |s̈|: |q′|b + |q″|X is within the accelerations of the joints
-    stops: IntArray  # Edges where the robot stops
-    slopes: FloatArray  # (N, n), bounds of |q′|
     frames: CellFrames  # Of the joints at the centres of the cells, and how far bodies get from there
     smooth: SmoothLimits | None = None  # What plans keep to in these cells, where the jerk is limited
 
@@ -328,21 +326,16 @@ class BoundedPath:
         if joints.jerk is not None:
             smooth = SmoothLimits.of(cells, joints, speeds, averaging_window(joints), stops=True, share=BENDS)
             speeds = smooth.cone(smooth.caps)
-        return cls(
-            bodies,
-            curve,
-            limits,
-            cells.edges,
-            speeds * speeds,
-            _brakes(cells, joints, speeds, smooth),
-            cells.stops,
-            cells.slopes,
-            frames,
-            smooth,
-        )
+        brakes = _brakes(cells, joints, speeds, smooth)
+        return cls(bodies, curve, limits, cells, speeds * speeds, brakes, frames, smooth)
 
     def __repr__(self) -> str:
         return f"BoundedPath({self.length:.3g} rad, {len(self.brakes)} cells)"
+
+    @property
+    def edges(self) -> FloatArray:
+        """Ends (N + 1,) of the cells [rad]."""
+        return self.cells.edges
 
     @property
     def length(self) -> float:
@@ -352,13 +345,12 @@ class BoundedPath:
     @cached_property
     def ceiling(self) -> FloatArray:
         """The largest ṡ² (N + 1,) at the ends of the cells from which all stops are reached."""
-        return np.asarray(ceilings(np.diff(self.edges), self.squared_limits, self.brakes, self.stops))
+        return np.asarray(ceilings(self.cells.sizes, self.squared_limits, self.brakes, self.cells.stops))
 
     @cached_property
     def accelerations(self) -> FloatArray:
         """Bounds (N, G) of ‖x″‖ of all points of the moving bodies [m/rad²]."""
-        bounds = self.bodies.speeds.accelerations(self.curve.between(self.edges))
-        return np.asarray(bounds[:, self.bodies.moving])
+        return np.asarray(self.bodies.speeds.accelerations(self.cells)[:, self.bodies.moving])
 
     def prepare(self) -> None:
         """Compute what retreats need, before a command is due."""
@@ -381,12 +373,12 @@ class BoundedPath:
         short = np.diff(self.edges).max() <= STEP * (1 + 1e-9)
         return self if short else BoundedPath.along(self.bodies, self.curve, self.limits)
 
-    def slowed(self, speeds: FloatArray, step: float, hardest: float) -> BoundedPath:
+    def slowed(self, speeds: FloatArray, hardest: float) -> BoundedPath:
         """Return the same path with lower bounds (N,) of ṡ; what is known of contacts is shared.
 
-        Its cells were made with this step; |s̈| is no more than what joints, and `hardest`, allow at these speeds.
+        |s̈| is no more than what joints, and `hardest`, allow at these speeds.
         """
-        brakes = _brakes(self.curve.cells(step), self.limits.joints, speeds, self.smooth)
+        brakes = _brakes(self.cells, self.limits.joints, speeds, self.smooth)
         path = replace(self, squared_limits=speeds * speeds, brakes=np.minimum(brakes, hardest))
         path.__dict__["_contacts"] = self._contacts
         return path
@@ -404,7 +396,7 @@ class BoundedPath:
         share = min(share, share * (1 - BRAKING) / BRAKING)
         cells, places, squared_speeds, times = drive(*grid, here, now, share, tick)
         # In a corner the plan waits until the robot stands, and then for the next tick.
-        corner = np.abs(places[:, None] - self.edges[self.stops]).min(axis=1, initial=np.inf) < _SAME
+        corner = np.abs(places[:, None] - self.edges[self.cells.stops]).min(axis=1, initial=np.inf) < _SAME
         waits = corner & (squared_speeds == 0.0)
         waits[0] &= past.places[0] < here - _SAME
         end = int(np.flatnonzero(waits)[0]) if waits.any() else len(cells)
@@ -501,7 +493,7 @@ class BoundedPath:
             sizes = self.edges[new + 1] - self.edges[new]
             Q = self.curve.at(self.edges[new] + 0.5 * sizes)
             bodies = 2 * self.frames.travel[new] / sizes[:, None]
-            most[new], free[new] = np.square(contact.speeds(Q, sizes, self.slopes[new], bodies))
+            most[new], free[new] = np.square(contact.speeds(Q, sizes, self.cells.slopes[new], bodies))
         return most, free
 
     def pace(self, around: Around, tick: float) -> tuple[FloatArray, float]:
@@ -558,33 +550,25 @@ class BoundedPath:
         begin = float(self.curve.times[self.curve.piece_at(np.array([first]))[0]])
         a = int(np.searchsorted(self.edges, begin - _SAME))
         b = max(int(np.searchsorted(self.edges, last - _SAME)), a + 1)
-        edges = np.append(self.edges[a:b], last) - begin
-        return replace(
-            self,
-            curve=self.curve.part(begin, last),
-            edges=edges,
-            squared_limits=self.squared_limits[a:b],
-            brakes=self.brakes[a:b],
-            stops=self.stops[(self.stops > a) & (self.stops < b)] - a,
-            slopes=self.slopes[a:b],
-            smooth=None,
-            frames=CellFrames(*(part[a:b] for part in self.frames)),
-        )
+        curve, edges = self.curve.part(begin, last), np.append(self.edges[a:b], last) - begin
+        frames = CellFrames(*(part[a:b] for part in self.frames))
+        return self._on(curve, edges, self.squared_limits[a:b], self.brakes[a:b], frames)
 
     def then(self, other: BoundedPath) -> BoundedPath:
         """Return this path and, after a stop at its end, another one that begins there."""
-        count = len(self.brakes)
-        return replace(
-            self,
-            curve=self.curve.then(other.curve),
-            edges=np.concatenate([self.edges, self.length + other.edges[1:]]),
-            squared_limits=np.concatenate([self.squared_limits, other.squared_limits]),
-            brakes=np.concatenate([self.brakes, other.brakes]),
-            stops=np.concatenate([self.stops, [count], count + other.stops]).astype(np.intp),
-            slopes=np.concatenate([self.slopes, other.slopes]),
-            smooth=None,
-            frames=CellFrames(*map(np.concatenate, zip(self.frames, other.frames, strict=True))),
+        return self._on(
+            self.curve.then(other.curve),
+            np.concatenate([self.edges, self.length + other.edges[1:]]),
+            np.concatenate([self.squared_limits, other.squared_limits]),
+            np.concatenate([self.brakes, other.brakes]),
+            CellFrames(*map(np.concatenate, zip(self.frames, other.frames, strict=True))),
         )
+
+    def _on(
+        self, curve: Motion, edges: FloatArray, squared_limits: FloatArray, brakes: FloatArray, frames: CellFrames
+    ) -> BoundedPath:
+        """Return a path of the same limits along a curve, whose bounds in cells between the edges are known."""
+        return BoundedPath(self.bodies, curve, self.limits, curve.between(edges), squared_limits, brakes, frames)
 
 
 def _brakes(cells: Cells, joints: RateLimits, speeds: FloatArray, smooth: SmoothLimits | None) -> FloatArray:

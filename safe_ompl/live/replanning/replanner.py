@@ -221,7 +221,7 @@ class Receding:
     def along(self, motion: StopLaw) -> BoolArray:
         """Return which (G, M) do along a motion; where it goes through a corner only those that always do."""
         path, last = self._path, float(motion.places[-1])
-        found, corners = self._always.copy(), path.edges[path.stops]
+        found, corners = self._always.copy(), path.edges[path.cells.stops]
         if not len(motion.cells) or ((self._s < corners) & (corners < last)).any():
             return found
         frames = path.bodies.frames(path.curve.places(np.array([self._s, last])).q)

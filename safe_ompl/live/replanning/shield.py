@@ -218,7 +218,7 @@ class Shield(CommandProver):
         Bends then take less of the accelerations, so that the stop is shorter.
         """
         fast = speed if self._past is None else max(speed, float(np.sqrt(self._past.squared_speeds.max())))
-        slow = path.slowed(np.minimum(np.sqrt(path.squared_limits), fast + _FASTER), _CELL, HARDEST)
+        slow = path.slowed(np.minimum(np.sqrt(path.squared_limits), fast + _FASTER), HARDEST)
         fastest = self._proven(slow, s, speed, 1.0, time, self._margin)
         return super()._slower(slow, s, speed, time) if fastest is None else fastest
 
