@@ -32,6 +32,7 @@ SCALAR = [
     "safe_ompl.collision.proofs",
     "safe_ompl.danger.static",
     "safe_ompl.danger.moving",
+    "safe_ompl.planning.planners.growth",
     "safe_ompl.planning.simplification.costs",
     "safe_ompl.geometry.surface_points",
     "safe_ompl.live.replanning.hull_gaps",

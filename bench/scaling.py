@@ -39,7 +39,7 @@ from safe_ompl.common import FloatArray
 from safe_ompl.danger.field import AGGREGATES
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import StateCost
-from safe_ompl.planning.planners.tree import Tree
+from safe_ompl.planning.planners.growth import Tree
 from safe_ompl.robot import StateBridge
 
 CLAIM = "time grows slowly with obstacles, danger points and nodes"

@@ -15,20 +15,13 @@ from safe_ompl.danger import DangerField
 from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Box, Obstacle, Person, Sphere
 from safe_ompl.geometry.kernels import extreme_vertices
-from safe_ompl.planning.planners import NearestNode, SafeRRTConnect
 from safe_ompl.robot import Robot
-from safe_ompl.robot.kernels import descend, lay_edge, steer
+from safe_ompl.robot.kernels import lay_edge
 from safe_ompl.scene import Scene
 
-# By two processes, each about half of the time; turns need what the first three compile, and come last. Kernels are
-# compiled for one kind of arguments, whatever the robot: that of two joints beside a person has them all.
-PLAN_JOBS = (
-    f"{__name__}:ask_for_danger",
-    f"{__name__}:ask_for_edges",
-    f"{__name__}:ask_for_trees",
-    f"{__name__}:ask_for_proofs",
-    f"{SafeRRTConnect.__module__}:ask_for_turns",
-)
+# By two processes, each about half of the time. Kernels are compiled for one kind of arguments, whatever the robot:
+# that of two joints beside a person has them all.
+PLAN_JOBS = (f"{__name__}:ask_for_danger", f"{__name__}:ask_for_edges", f"{__name__}:ask_for_proofs")
 _ANY_LENGTH = 1.0
 
 
@@ -44,11 +37,9 @@ def small_robot() -> Robot:
 
 
 def ask_for_danger() -> None:
-    """Call what danger, steps and reports need."""
+    """Call what danger and reports need."""
     robot = small_robot()
-    step, q, wraps = np.ones((2, robot.n)), np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
-    steer(q, q + _ANY_LENGTH, wraps, _ANY_LENGTH, step)
-    descend(step, q, _ANY_LENGTH, q, q, wraps)
+    q = np.zeros(robot.n)
     robot.joint_limits.hold(q)
     DangerField(robot, np.ones((1, 3))).values_and_gradients(np.zeros((1, robot.n)))
     simplification.Curve(robot, np.zeros((2, robot.n))).at(q[:1])
@@ -61,12 +52,6 @@ def ask_for_edges() -> None:
     lay_edge(required.distances, required.distances, nothing.coupling, nothing.limits, edge)
     arguments: Any = *nothing.pairs, edge, *required, nothing.floor, *nothing[8:]
     prove_curve(nothing.joints, *nothing.shapes, *arguments)
-
-
-def ask_for_trees() -> None:
-    """Call what finds the nearest of many nodes."""
-    rows = np.eye(2)
-    NearestNode(np.zeros(2, bool)).find(rows, rows[0], _ANY_LENGTH, rows[0])
 
 
 def ask_for_proofs() -> None:

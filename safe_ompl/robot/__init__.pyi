@@ -23,6 +23,7 @@ from .joints import (
     joints_without_range as joints_without_range,
     resting_value as resting_value,
 )
+from .kinematics import Coordinates as Coordinates
 from .parts import Attachment as Attachment
 from .region import GoalRegion as GoalRegion, RegionPlace as RegionPlace
 from .robot import Robot as Robot, robot_hash as robot_hash

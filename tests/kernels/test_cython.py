@@ -54,16 +54,6 @@ def test_kinematics(built, setup, rng):
     same(numba_robot.pull_back(joints, keys, Q, forces[0]), points.jacobian_transpose_product(Q, forces[0]))
     same(numba_robot.keypoint_motions(joints, keys, Q, rates), points.motions(Q, rates))
     same(numba_robot.pull_back_motion(joints, keys, Q, rates, forces), points.motion_gradients(Q, rates, forces))
-    robot = setup.robot
-    space = kinematics.Coordinates(robot.lower, robot.upper, robot.continuous)
-    for q, target in zip(*rng.uniform(-3, 3, (2, 200, robot.n)), strict=True):
-        out, step = np.empty((2, robot.n)), float(rng.uniform(0, 5))
-        length, found = space.steer(q, target, step)
-        assert length == numba_robot.steer(q, target, robot.continuous, step, out)
-        same(out, found)
-        bounds = robot.lower, robot.upper, robot.continuous
-        assert space.descend(found, target, 0.3) == numba_robot.descend(out, target, 0.3, *bounds)
-        same(out, found)
 
 
 @pytest.mark.parametrize(("parent", "message"), [(-1, "its parent is -1"), (2, "must be one of 0 to 0")])

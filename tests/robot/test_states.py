@@ -6,7 +6,7 @@ from hypothesis import given, strategies as st
 from ompl import base as ob
 
 from safe_ompl import InputError, PlanningError
-from safe_ompl.robot import ScratchState, StateBridge, joint_space, states
+from safe_ompl.robot import Coordinates, ScratchState, StateBridge, joint_space, states
 
 angles = st.floats(-100.0, 100.0)
 
@@ -62,6 +62,25 @@ def test_angles_wrap_and_differences_are_the_short_way(first, second):
     assert np.exp(1j * wrapped) == pytest.approx(np.exp(1j * first), abs=1e-9)
     assert np.exp(1j * (first + delta)) == pytest.approx(np.exp(1j * second), abs=1e-9)
     assert bridge.space.satisfiesBounds(ScratchState(bridge).set(np.array([first])))
+
+
+def test_a_step_leads_to_the_target_or_a_part_of_the_way_and_descends_at_right_angles(kinova, rng):
+    space, bridge = Coordinates(kinova.lower, kinova.upper, kinova.continuous), StateBridge(joint_space(kinova))
+    steps = rng.uniform(0.0, 8.0, 100)
+    for q, target, gradient, step in zip(
+        *rng.uniform(kinova.lower, kinova.upper, (3, 100, kinova.n)), steps, strict=True
+    ):
+        way = bridge.difference(q, target)
+        length, found = space.steer(q, target, step)
+        assert length == pytest.approx(np.linalg.norm(way))
+        place, direction = found.copy()
+        np.testing.assert_allclose(place, target if length <= step else q + step / length * way)
+        np.testing.assert_allclose(direction, way / length)
+        across = gradient - (gradient @ direction) * direction
+        across *= 0.3 / max(1.0, np.linalg.norm(across))
+        assert space.descend(found, gradient, 0.3)
+        np.testing.assert_allclose(found[1], bridge.inside(place - across), atol=1e-12)
+    assert not space.descend(found, np.zeros(kinova.n), 0.3)
 
 
 def test_bounds_and_shares_of_the_way_between_them():

@@ -1,7 +1,6 @@
 from .base import Parameter as Parameter, SafePlanner as SafePlanner
 from .bubble import BubblePlanner as BubblePlanner
 from .jt_rrt import SafeJTRRT as SafeJTRRT
-from .nearest import NearestNode as NearestNode
 from .prm import SafePRM as SafePRM
 from .registry import (
     accepts as accepts,

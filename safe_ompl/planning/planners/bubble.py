@@ -12,10 +12,10 @@ from safe_ompl.collision import INSIDE, Bubble, bubbles
 from safe_ompl.common import FloatArray, InputError, IntArray, halton_point
 from safe_ompl.planning.ompl import CollisionFreeValidity
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
-from safe_ompl.planning.planners.extend import ElasticBand, TangentialDescent
+from safe_ompl.planning.planners.elastic_band import ElasticBand, TangentialDescent
+from safe_ompl.planning.planners.growth import ROOT, branch
 from safe_ompl.planning.planners.problem import WORTHWHILE, DangerDecay, DangerWeight, Margin, PlanningProblem
-from safe_ompl.planning.planners.tree import TwoTrees, branch
-from safe_ompl.planning.planners.turns import ROOT
+from safe_ompl.planning.planners.tree import TwoTrees
 from safe_ompl.robot import StateBridge
 
 _LEAST_CLEARANCE = 1e-3  # [m]; points as near to contact as this are not closed: their bubbles lead nowhere

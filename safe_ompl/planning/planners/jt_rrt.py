@@ -12,9 +12,10 @@ import numpy as np
 from safe_ompl.common import Counts, FloatArray
 from safe_ompl.planning.ompl import StateCost, WorkspaceGoal
 from safe_ompl.planning.planners.base import Parameter, Query, SafePlanner
-from safe_ompl.planning.planners.extend import Extension, Growth, TangentialDescent
+from safe_ompl.planning.planners.elastic_band import TangentialDescent
+from safe_ompl.planning.planners.growth import Extension, Growth, Tree
 from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin, PlanningProblem
-from safe_ompl.planning.planners.tree import PlannerGraph, Tree, Trees
+from safe_ompl.planning.planners.tree import PlannerGraph, Trees
 from safe_ompl.robot import (
     Place,
     StateBridge,

@@ -14,11 +14,12 @@ from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl import WorkspaceGoal
 from safe_ompl.planning.planners.base import Parameter, Query, SafePlanner
 from safe_ompl.planning.planners.bubble import JointMetric, VolumeTree, bubble_validity, intersect, volume_trees
-from safe_ompl.planning.planners.extend import Extension, steered
+from safe_ompl.planning.planners.growth import Extension, Tree
 from safe_ompl.planning.planners.jt_rrt import STALLED, Approach
 from safe_ompl.planning.planners.problem import PlanningProblem
 from safe_ompl.planning.planners.roadmap import Roadmap, SearchGraph
-from safe_ompl.planning.planners.tree import Tree, Trees
+from safe_ompl.planning.planners.tree import Trees
+from safe_ompl.robot import plain
 
 
 def straight_extension(
@@ -26,7 +27,7 @@ def straight_extension(
 ) -> tuple[Extension, int]:
     """Add a node at most `step` [rad] from node `old` straight towards `target: (n,)`; return outcome and node."""
     q_old = tree.configurations[old]
-    length, (q_new, _) = steered(problem.bridge, q_old, target, step)
+    length, (q_new, _) = problem.coordinates.steer(q_old, plain(target), step)
     outcome = Extension.REACHED if length <= step else Extension.ADVANCED
     if not problem.motion_is_free(*tree.as_driven(q_old, q_new)):
         return Extension.TRAPPED, old

@@ -9,10 +9,10 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
-from safe_ompl.planning.planners.extend import ElasticBand, TangentialDescent
+from safe_ompl.planning.planners.elastic_band import ElasticBand, TangentialDescent
+from safe_ompl.planning.planners.growth import ROOT
 from safe_ompl.planning.planners.problem import WORTHWHILE, DangerWeight, Margin
 from safe_ompl.planning.planners.roadmap import Roadmap, SearchGraph, squares
-from safe_ompl.planning.planners.turns import ROOT
 
 _PENALTY = 4  # ranges; added to the length of an edge that does not keep the margin
 _PENALTIES = 2  # of an edge before it is taken whatever it keeps

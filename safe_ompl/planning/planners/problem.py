@@ -12,9 +12,9 @@ from ompl import base as ob
 from safe_ompl.collision import MotionProver, PairSet
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, StateCost, bridge_of
+from safe_ompl.planning.planners.growth import danger_share, lowered_margin
 from safe_ompl.planning.planners.tree import Trees
-from safe_ompl.planning.planners.turns import danger_share, lowered_margin
-from safe_ompl.robot import JointLimits, Robot, ScratchState
+from safe_ompl.robot import Coordinates, JointLimits, Robot, ScratchState
 
 _SHARE = 0.8  # of what start and goal keep; with all of it no motion could leave them
 _LEAST = 5e-4  # [m]; below this there is none
@@ -31,6 +31,7 @@ class PlanningProblem:
 
     def __init__(self, si: Any) -> None:
         self.bridge = bridge_of(si)
+        self.coordinates = Coordinates(self.bridge.lower, self.bridge.upper, self.bridge.circular)
         self._si = si
         self._from, self._to = ScratchState(self.bridge), ScratchState(self.bridge)
         self._limits: tuple[MotionProver, JointLimits] | None = None
@@ -186,8 +187,7 @@ class DangerDecay:
 
     @property
     def _share(self) -> float:
-        share: float = danger_share.py_func(self.turns, self.half_life)  # type: ignore[attr-defined]
-        return share
+        return danger_share(self.turns, self.half_life)
 
 
 class Margin:
@@ -262,7 +262,7 @@ class Margin:
     def lower(self) -> None:
         """Lower the margin to 60 %, or to none where little is left."""
         if self.level:
-            self.level = lowered_margin.py_func(self.level, self.least)  # type: ignore[attr-defined]
+            self.level = lowered_margin(self.level, self.least)
 
     def _allowed_by(self, ends: list[FloatArray]) -> float:
         """Return the largest margin [m] that one of each of the `ends: (R, n)` allows; 0 for none."""

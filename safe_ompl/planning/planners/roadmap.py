@@ -7,9 +7,9 @@ from math import inf
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray
+from safe_ompl.planning.planners.growth import ROOT, branch
 from safe_ompl.planning.planners.problem import PlanningProblem
-from safe_ompl.planning.planners.tree import PlannerGraph, branch
-from safe_ompl.planning.planners.turns import ROOT
+from safe_ompl.planning.planners.tree import PlannerGraph
 
 _WORST_COST = 1e100  # stands for infinity and NaN: such milestones come last, but they come
 

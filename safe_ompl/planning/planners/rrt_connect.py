@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from ompl import base as ob
-
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
-from safe_ompl.planning.planners.extend import Growth, TangentialDescent
+from safe_ompl.planning.planners.elastic_band import TangentialDescent
+from safe_ompl.planning.planners.growth import Growth
 from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin
-from safe_ompl.planning.planners.turns import GIVEN_UP, GOALS, MET, PAUSE
 
 
 class SafeRRTConnect(SafePlanner):
@@ -99,28 +97,21 @@ class SafeRRTConnect(SafePlanner):
         self._margin.largest = self.clearance
 
     def _search(self, ptc: Any) -> FloatArray | None:
-        """SAFE_RRT-CONNECT: turns of the trees until they meet."""
-        trees, growth = self._trees, self._growth
-        self._margin.begin(trees)
-        growth.begin(self._rng, self.getRange(), self.nearest_fraction, self.iterations or -1)
-        asked = PAUSE
-        while asked != GIVEN_UP and not ptc():
-            asked = growth.go_on(trees, self._enough_nodes)
-            if asked == GOALS:
-                self._take_goals(ptc)
-            elif asked == MET:
-                return trees.path(*growth.met(trees))  # RETURN_PATH
-        return None
+        """SAFE_RRT-CONNECT."""
+        self._margin.begin(self._trees)
+        return self._growth.connect(
+            self._trees,
+            self._rng,
+            reach=self.getRange(),
+            ignored=self.nearest_fraction,
+            iterations=self.iterations,
+            stop=ptc,
+            enough_nodes=lambda: self._enough_nodes,
+            take_goals=lambda: self._take_goals(ptc),
+        )
 
     def _forget(self) -> None:
         super()._forget()
         self._growth.reset()
         self._margin.reset()
         self._decay.reset()
-
-
-def ask_for_turns() -> None:
-    """Call what turns need."""
-    planner = SafeRRTConnect(ob.SpaceInformation(ob.RealVectorStateSpace(2)))
-    planner._growth.begin(planner._rng, planner.getRange(), 0.0, 0)
-    planner._growth.go_on(planner._trees)

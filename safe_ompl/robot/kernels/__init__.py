@@ -10,7 +10,7 @@ children, and have Pinocchio's numbers: 0 is the base, joint i of a table is Pin
 
 from __future__ import annotations
 
-from math import cos, inf, pi, sin, sqrt
+from math import cos, pi, sin
 from typing import Any
 
 import numpy as np
@@ -20,8 +20,6 @@ from safe_ompl.common import BoolArray, FloatArray, caller, compiled, part
 __all__ = [
     "JOINT",
     "KEYPOINT",
-    "bounded",
-    "descend",
     "joint_frames",
     "keypoint_motions",
     "keypoints",
@@ -34,7 +32,6 @@ __all__ = [
     "pull",
     "pull_back",
     "pull_back_motion",
-    "steer",
     "way",
     "within",
 ]
@@ -296,50 +293,6 @@ def unroll(path: FloatArray, wraps: BoolArray) -> FloatArray:
             turns[i] += np.rint((step - (path[k, i] - path[k - 1, i])) / _ROUND)
             points[k, i] += _ROUND * turns[i]
     return points
-
-
-@compiled
-def steer(q: FloatArray, target: FloatArray, wraps: BoolArray, step: float, out: FloatArray) -> float:
-    """Write where a step from q towards a target (n,) leads, and its direction, (2, n); return ρ(q, target)."""
-    length = 0.0
-    for i in range(len(q)):
-        out[1, i] = way(q[i], target[i], wraps[i])
-        length += out[1, i] * out[1, i]
-    length = sqrt(length)
-    for i in range(len(q)):
-        out[0, i] = target[i] if length <= step else q[i] + (step / length) * out[1, i]
-        out[1, i] /= length
-    return length
-
-
-@compiled
-def descend(
-    step: FloatArray, slope: FloatArray, reach: float, lower: FloatArray, upper: FloatArray, wraps: BoolArray
-) -> bool:
-    """Write into the second row of `step: (2, n)`, a place and a direction, the place moved down a slope (n,).
-
-    It is moved at right angles to the direction, by at most `reach`, less where the slope is below 1, and stays within
-    the bounds; those that wrap are brought into [−π, π). Returns whether there is such a motion.
-    """
-    n, along, steepness = len(slope), 0.0, 0.0
-    for i in range(n):
-        along += slope[i] * step[1, i]
-    for i in range(n):
-        step[1, i] = slope[i] - along * step[1, i]
-        steepness += step[1, i] * step[1, i]
-    steepness = sqrt(steepness)
-    if not 0.0 < steepness < inf:
-        return False
-    for i in range(n):
-        q = step[0, i] - (reach * min(1.0, steepness) / steepness) * step[1, i]
-        step[1, i] = bounded(q, lower[i], upper[i], wraps[i])
-    return True
-
-
-@part
-def bounded(value: float, lower: float, upper: float, wraps: bool) -> float:
-    """Return the value of a joint within its bounds that is nearest; in [−π, π) if it wraps."""
-    return (value + pi) % _ROUND - pi if wraps else min(max(value, lower), upper)
 
 
 @part

@@ -6,7 +6,7 @@ from plane import PlaneProblem
 
 from safe_ompl import Box, BubblePlanner, InputError, Obstacle, Pose, SafeSetup, Scene, Sphere
 from safe_ompl.collision import Bubble, CollisionChecker
-from safe_ompl.planning.planners.extend import ElasticBand, TangentialDescent
+from safe_ompl.planning.planners.elastic_band import ElasticBand, TangentialDescent
 from safe_ompl.planning.planners.problem import DangerWeight, PlanningProblem
 
 

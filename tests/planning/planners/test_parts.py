@@ -1,4 +1,4 @@
-"""Parts that planners share: turns in a kernel, and what it asks; danger's weight, decay and threshold; the margin."""
+"""Parts that planners share: growth by turns, and what it asks; danger's weight, decay and threshold; the margin."""
 
 from dataclasses import replace
 
@@ -8,14 +8,15 @@ import pytest
 from safe_ompl import Box, CertifiedMotionValidator, DangerObjective, Obstacle, Pose, Robot, SafeSetup, Scenario, Scene
 from safe_ompl.common import Counts
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.planners import extend, turns
-from safe_ompl.planning.planners.extend import Extension, Growth, TangentialDescent
+from safe_ompl.planning.ompl import StateCost
+from safe_ompl.planning.planners.elastic_band import TangentialDescent
+from safe_ompl.planning.planners.growth import Extension, Growth
 from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import Trees
 
 PLANNERS = ["SafeRRTConnect", "ClassicRRTConnect"]
 
-# -------------------------------------------------------------------------- turns in a kernel, and what it asks
+# -------------------------------------------------------------------------------- growth by turns, and what it asks
 
 
 class AnyValidator(CertifiedMotionValidator):
@@ -39,14 +40,21 @@ def planned(setup, planner, seed):
 
 @pytest.fixture
 def asked(monkeypatch):
-    """Return all that the kernel asked for."""
-    asked, take_turns = [], extend.take_turns
+    """Return the names of what compiled code asks of problem and cost."""
+    asked = []
 
-    def noted(*args):
-        asked.append(take_turns(*args))
-        return asked[-1]
+    def note(kind, name):
+        answer = getattr(kind, name)
 
-    monkeypatch.setattr(extend, "take_turns", noted)
+        def noted(self, *args):
+            asked.append(name)
+            return answer(self, *args)
+
+        monkeypatch.setattr(kind, name, noted)
+
+    note(PlanningProblem, "motion_is_free")
+    note(StateCost, "values")
+    note(StateCost, "value_and_gradient")
     return asked
 
 
@@ -66,8 +74,7 @@ def test_paths_are_those_of_a_validator_of_ones_own(problem, kinova, clutter, as
     validator = AnyValidator(si, setup.checker)
     runs = [(planner, seed) for planner in PLANNERS for seed in range(3)]
     at_once = [planned(setup, *run) for run in runs]
-    assert asked.count(turns.MET) == len(runs)
-    undecided = asked.count(turns.MOTION)
+    undecided = asked.count("motion_is_free")
     setup.validator = validator
     si.setMotionValidator(validator)
     asked.clear()
@@ -75,35 +82,23 @@ def test_paths_are_those_of_a_validator_of_ones_own(problem, kinova, clutter, as
         of_ones_own, as_many = planned(setup, *run)
         assert nodes == as_many > 0
         assert np.array_equal(path, of_ones_own)
-    assert asked.count(turns.MOTION) == validator.asked > undecided
+    assert asked.count("motion_is_free") == validator.asked > undecided
 
 
 class AnyObjective(DangerObjective):
-    """Not the class itself, so the kernel does not compute it."""
+    """Not the class itself, so compiled code does not compute it."""
 
 
 def test_paths_are_those_of_an_objective_of_ones_own(asked):
     shelf = setup_scenario(Scenario.load("panda_shelf"))
     field = shelf.getProblemDefinition().getOptimizationObjective().field
     before = planned(shelf, "SafeRRTConnect", 0)
-    assert not {turns.COST, turns.COSTS, turns.GRADIENT} & {*asked}
+    assert not {"values", "value_and_gradient"} & {*asked}
     shelf.setOptimizationObjective(AnyObjective(shelf.getSpaceInformation(), field))
     of_ones_own = planned(shelf, "SafeRRTConnect", 0)
-    assert {turns.COST, turns.COSTS, turns.GRADIENT} <= {*asked}
+    assert {"values", "value_and_gradient"} <= {*asked}
     assert np.array_equal(before[0], of_ones_own[0])
     assert before[1] == of_ones_own[1] > 0
-
-
-@pytest.mark.parametrize("pause", [1, 7])
-def test_a_path_does_not_depend_on_how_often_the_clock_is_looked_at(pause, shelf, monkeypatch):
-    runs = [(planner, seed) for planner in PLANNERS for seed in range(3)]
-    before = [planned(shelf, *run) for run in runs]
-    monkeypatch.setattr(extend, "_STEPS", pause)
-    monkeypatch.setattr(extend, "_DRAWS", 10 * pause)
-    for run, (path, nodes) in zip(runs, before, strict=True):
-        again, as_many = planned(shelf, *run)
-        assert nodes == as_many > 0
-        assert np.array_equal(path, again)
 
 
 def test_motions_are_free_that_the_motion_validator_calls_free(ur5):

@@ -1,5 +1,7 @@
 """SafeRRTConnect: its trees and steps, its threshold, and its company in OMPL."""
 
+import _thread
+import threading
 from functools import partial
 
 import numpy as np
@@ -16,6 +18,14 @@ def test_small_steps_heed_the_termination_condition():
     stop = Stop(task.walls, 500)
     assert task.solve(stop.condition) == TIMEOUT
     assert stop.checked_too_late <= 2, "one step"
+
+
+@pytest.mark.parametrize("alpha", [0.0, 1.0])
+def test_ctrl_c_ends_the_loop(arm_between_walls, alpha):
+    planner = SafeRRTConnect(arm_between_walls.getSpaceInformation(), alpha=alpha)
+    threading.Timer(0.1, _thread.interrupt_main).start()
+    with pytest.raises(KeyboardInterrupt):
+        arm_between_walls.plan(planner, time=1e6)
 
 
 @pytest.mark.parametrize("name", ["SafeRRTConnect", "ClassicRRTConnect", "PaperSafeRRTConnect"])

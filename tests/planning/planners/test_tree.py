@@ -1,14 +1,17 @@
 """Trees of configurations: nodes, costs, branches; two that meet; and the nearest node."""
 
+from types import SimpleNamespace
+
 import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from ompl import base as ob
 
+from safe_ompl import InputError
 from safe_ompl.planning.ompl import StateCost
-from safe_ompl.planning.planners import NearestNode
-from safe_ompl.planning.planners.tree import Tree, TwoTrees
+from safe_ompl.planning.planners.growth import Tree
+from safe_ompl.planning.planners.tree import TwoTrees
 from safe_ompl.robot import StateBridge
 
 
@@ -65,6 +68,26 @@ def test_the_best_node_weighs_distance_and_danger(tree, height):
     assert tree.best(q, 0.2) == 1  # 1 + 1.8 > √5
 
 
+def test_what_leads_out_of_a_tree_is_refused(tree, bridge):
+    for node in (-2, 3):
+        for ask in (tree.gradient, tree.branch, lambda node: tree.add(np.zeros(2), node)):
+            with pytest.raises(InputError, match=f"there is no node {node}: the tree has 3"):
+                ask(node)
+    with pytest.raises(InputError, match="a configuration must have 2 joints, got 3"):
+        tree.best(np.zeros(3), 0.0)
+    with pytest.raises(InputError, match="each must wrap or not"):
+        Tree(SimpleNamespace(n=3, circular=bridge.circular), StateCost(None, bridge))
+
+
+def test_arrays_that_were_handed_out_stay_as_they_are(tree):
+    rows, costs = tree.configurations, tree.costs
+    for _ in range(1000):
+        tree.add(np.array([7.0, 7.0]), 2)
+    np.testing.assert_array_equal(rows, [[0, 0], [1, 0], [2, 3]])
+    np.testing.assert_array_equal(costs, [0, 0, 9])
+    np.testing.assert_array_equal(tree.costs[-2:], [49, 49])
+
+
 def test_two_trees_that_meet_share_a_vertex(bridge):
     trees = TwoTrees(*(Tree(bridge, StateCost(None, bridge)) for _ in range(2)))
     for tree, places in ((trees.start, (0.0, 1.0)), (trees.goal, (3.0, 2.0, 1.0))):
@@ -77,6 +100,26 @@ def test_two_trees_that_meet_share_a_vertex(bridge):
 
 
 # ------------------------------------------------------------------------------------------------- the nearest node
+
+
+class GivenCosts:
+    """Costs of nodes in the order in which these were added."""
+
+    def __init__(self, costs):
+        self.left = costs
+
+    def values(self, Q):
+        now, self.left = np.split(self.left, [len(Q)])
+        return now
+
+
+def grown(rows, costs, wraps=None):
+    """Return a tree of nodes with such costs."""
+    n = rows.shape[1]
+    tree = Tree(SimpleNamespace(n=n, circular=np.zeros(n, bool) if wraps is None else wraps), GivenCosts(costs))
+    for q in rows:
+        tree.add(q)
+    return tree
 
 
 def plainly(rows, q, wraps=False, alpha=0.0, costs=0.0):
@@ -99,13 +142,15 @@ def nodes(rng, number, n):
 def test_the_same_node_as_by_looking_at_all(seed, n, alpha):
     rng = np.random.default_rng(seed)
     rows, wraps, costs = nodes(rng, 1500, n), rng.random(n) < 0.4, rng.uniform(size=1500)
-    search, size = NearestNode(wraps), 0
+    tree, size = grown(rows[:0], costs, wraps), 0
     while size < len(rows):
-        size = min(len(rows), size + int(rng.integers(1, 300)))
+        more = rows[size : size + int(rng.integers(1, 300))]
+        for q in more:
+            tree.add(q)
+        size += len(more)
         for q in rng.uniform(-3.5, 3.5, (5, n)):
             for weight in (alpha, 0.0):
-                found = search.find(rows[:size], q, weight, costs[:size] if weight else np.empty(0))
-                assert found == plainly(rows[:size], q, wraps, weight, costs[:size])
+                assert tree.best(q, weight) == plainly(rows[:size], q, wraps, weight, costs[:size])
 
 
 @pytest.mark.parametrize("alpha", [0.0, 1e-13, 1.0])
@@ -115,9 +160,10 @@ def test_of_equal_ones_the_first_also_where_all_are_at_one_place(rng, alpha):
     heaps[1000:2000] += 1e-16 * rng.normal(size=(1000, 2))
     spiral = np.geomspace(1e-12, 1.0, 3000)[:, None] * (1.0, -2.0)  # cells of one node beside cells of all others
     for rows in (grid, heaps, spiral):
-        search, costs = NearestNode(np.zeros(2, dtype=bool)), rng.integers(5, size=3000).astype(float)
+        costs = rng.integers(5, size=3000).astype(float)
+        tree = grown(rows, costs)
         for q in (*rows[::250], *rng.normal(size=(20, 2)), *rng.integers(-2, 3, (20, 2)).astype(float)):
-            assert search.find(rows, q, alpha, costs) == plainly(rows, q, False, alpha, costs)
+            assert tree.best(q, alpha) == plainly(rows, q, False, alpha, costs)
 
 
 def test_nodes_without_a_finite_cost_come_last(rng):
@@ -125,4 +171,4 @@ def test_nodes_without_a_finite_cost_come_last(rng):
     costs[[3, 700]] = 1.0, np.nan
     for number in (100, 1000):
         for some, best in ((costs[:number], 3), (np.full(number, np.inf), 0)):
-            assert NearestNode(np.zeros(2, dtype=bool)).find(rows[:number], rows[50], 0.5, some) == best
+            assert grown(rows[:number], some).best(rows[50], 0.5) == best
