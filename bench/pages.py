@@ -47,7 +47,7 @@ from safe_ompl.drawing.drawn_scene import DrawnScene, best_view
 from safe_ompl.drawing.plots import plot_profiles, plot_speeds
 from safe_ompl.drawing.viewer import save_page
 from safe_ompl.geometry import STANDING
-from safe_ompl.io.motions import TimedMotion
+from safe_ompl.io import CarriedProblem, MotionRecord
 from safe_ompl.live.skeletons import find_skeleton
 from safe_ompl.planning import setup_scenario
 
@@ -187,9 +187,9 @@ def people_and_time() -> None:
     result = setup.plan("RRTConnect", time=5.0, seed=1)
     people = People(speed=1.0, reaction_time=0.1)
     trajectory = result.timed(RateLimits.of(robot, acceleration=[12.0] * 6), people=people)
-    motion = TimedMotion.of(trajectory, robot, scene)
+    record = MotionRecord.of(trajectory, CarriedProblem(robot, scene, None))
     title = "Past a worker: speed, and what bounds it"
-    plot_speeds(motion.times, motion.speeds, motion.bounds, motion.binding, OUT / "speeds.png", title=title)
+    plot_speeds(record.motion.times, record.speeds, record.bounds, record.binding, OUT / "speeds.png", title=title)
 
 
 def a_drive() -> None:
@@ -228,9 +228,9 @@ def save_reaching(file: str) -> None:
 def draw_moments(ticks: str) -> None:
     """Draw moments of a drive: on the way, slowed, standing before a hand, and on the way again."""
     content = read_recording(ticks)
-    motion, movers = content.motions["live"], content.movers
+    record, movers = content.motions["live"], content.movers
     assert movers is not None
-    states = np.array(motion.binding)
+    motion, states = record.motion, np.array(record.binding)
     stands = int(np.flatnonzero((states == "standing") & (motion.times > 1.0))[0])
     slowed = int(np.flatnonzero((states != "standing")[:stands])[-1]) - 4
     goes = stands + int(np.flatnonzero(states[stands:] == "moving")[0]) + 12
@@ -239,12 +239,12 @@ def draw_moments(ticks: str) -> None:
     scenes = [Scene((*still, *movers.people_at(motion.times[k]))) for k in shown]
     panel = (420, 400)
     everyone = Scene((*still, *movers.people_at(motion.times[shown[2]])))
-    camera = best_view(DrawnScene(content.robot, everyone, [motion.configurations[shown]]), panel)
+    camera = best_view(DrawnScene(content.robot, everyone, [motion.knots[shown]]), panel)
     images = [
-        render_path(content.robot, scene, motion.configurations[[k, k]], size=panel, ghosts=0, camera=camera)
+        render_path(content.robot, scene, motion.knots[[k, k]], size=panel, ghosts=0, camera=camera)
         for scene, k in zip(scenes, shown, strict=True)
     ]
-    words = [f"{motion.times[k]:.1f} s: {motion.binding[k]}" for k in shown]
+    words = [f"{motion.times[k]:.1f} s: {record.binding[k]}" for k in shown]
     save_strip(images, words, OUT / "live.png")
 
 
@@ -254,7 +254,8 @@ def viewer() -> None:
     result = plan(scenario, seed=0, simplify=True)
     limits = RateLimits.of(result.robot, acceleration=[8.0] * result.robot.n)
     trajectory = result.timed(limits, people=scenario.people)
-    motion = TimedMotion.of(trajectory, result.robot, result.scene, danger=result.danger, name="SafeRRTConnect")
+    problem = CarriedProblem(result.robot, result.scene, result.danger)
+    record = MotionRecord.of(trajectory, problem, name="SafeRRTConnect")
     from selenium import webdriver
     from selenium.webdriver.common.keys import Keys
     from selenium.webdriver.support.ui import WebDriverWait
@@ -268,7 +269,7 @@ def viewer() -> None:
         options.add_argument(f"--{option}")
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "view.html"
-        save_page(ViewerContent.of_motions([motion]), page)
+        save_page(ViewerContent.of_motions([record]), page)
         driver = webdriver.ChromeService(shutil.which("chromedriver"))
         with webdriver.Chrome(options=options, service=driver) as browser:
             browser.get(page.as_uri())
@@ -277,7 +278,7 @@ def viewer() -> None:
             )
             bar.find_element("xpath", "./preceding::button[1]").click()  # it stands still for its picture
             bar.send_keys(Keys.CONTROL, "a")
-            bar.send_keys(f"{0.45 * motion.duration:.2f}", Keys.ENTER)
+            bar.send_keys(f"{0.45 * record.motion.duration:.2f}", Keys.ENTER)
             sleep(_SETTLED)
             for notice in browser.find_elements("css selector", ".mantine-Notification-closeButton"):
                 notice.click()  # that it is drawn without a graphics card

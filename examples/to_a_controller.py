@@ -5,7 +5,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from safe_ompl import JointPath, Obstacle, Pose, Robot, SafeSetup, Scene, Sphere, load, read_motion, save
+from safe_ompl import Motion, Obstacle, Pose, Robot, SafeSetup, Scene, Sphere, load, read_motion, save
 
 scene = Scene((Obstacle("ball", Sphere(0.15), Pose((0.5, 0.0, 0.4)), weight=1.0),))
 setup = SafeSetup(Robot.from_example("ur5"), scene)
@@ -13,7 +13,7 @@ setup.setConfigurations([0.9, -1.2, 1.4, -1.8, -1.57, 0.0], [-0.9, -1.2, 1.4, -1
 result = setup.plan("SafeRRTConnect", time=10.0, simplify=True)
 assert result, result.status
 
-path = JointPath.of(result)
+path = Motion.of(result)
 with TemporaryDirectory() as folder:
     save(path, Path(folder) / "path.csv")
     save(path, Path(folder) / "path.yaml")  # a message: it says where, not when: times are still to come

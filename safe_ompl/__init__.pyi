@@ -35,7 +35,7 @@ from .geometry import (
     Pose as Pose,
     Sphere as Sphere,
 )
-from .io import JointPath as JointPath, load as load, read_motion as read_motion, save as save
+from .io import load as load, read_motion as read_motion, save as save
 from .live import Surroundings as Surroundings, Tracker as Tracker
 from .live.replanning import Replanner as Replanner, Shield as Shield
 from .motions import (

@@ -16,7 +16,7 @@ from safe_ompl.certificates import Certificate, RecordedCell
 from safe_ompl.common import FloatArray, InputError, documents as document, finite_array
 from safe_ompl.danger import DangerField
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
-from safe_ompl.io import TimedMotion, built_robot, built_scene, read_ticks
+from safe_ompl.io import CarriedProblem, MotionRecord, built_robot, built_scene, read_ticks
 from safe_ompl.motions import Motion, MotionCheck
 from safe_ompl.planning import PlanResult
 from safe_ompl.planning.simplification import Curve
@@ -51,13 +51,13 @@ class ViewerContent:
     # Options of the danger field, as those of `SafeSetup`; None: without danger
     danger: Mapping[str, Any] | None = field(default_factory=dict)
     # Planner name → motion in time: it is played as it is in time, with its speed and what bounds it. Its
-    # configurations are the path of that name
-    motions: Mapping[str, TimedMotion] = field(default_factory=dict)
+    # knots are the path of that name
+    motions: Mapping[str, MotionRecord] = field(default_factory=dict)
     movers: Movers | None = None  # People and things that move meanwhile
     title: str = ""  # Title of the page
 
     def __post_init__(self) -> None:
-        moved = {name: motion.configurations for name, motion in self.motions.items()}
+        moved = {name: record.motion.knots for name, record in self.motions.items()}
         paths = {name: finite_array(way, (None, self.robot.n), name) for name, way in {**self.paths, **moved}.items()}
         for name, way in paths.items():
             if not len(way):
@@ -118,11 +118,11 @@ class ViewerContent:
         return cls(robot, scene, _by_name(solved), posture, results[0].danger, title=title)
 
     @classmethod
-    def of_motions(cls, motions: Sequence[TimedMotion], title: str = "") -> ViewerContent:
+    def of_motions(cls, motions: Sequence[MotionRecord], title: str = "") -> ViewerContent:
         """Return motions in time, by planner; errors as of `of_results`."""
-        robot, scene = _common([(m.robot, m.scene) for m in motions], "motion")
+        robot, scene = _common([(m.problem.robot, m.problem.scene) for m in motions], "motion")
         named = _by_name([(m.name or "motion", str(k), m) for k, m in enumerate(motions, 1)])
-        return cls(robot, scene, danger=motions[0].danger, motions=named, title=title)
+        return cls(robot, scene, danger=motions[0].problem.danger, motions=named, title=title)
 
     @classmethod
     def of_check(cls, check: MotionCheck, title: str = "") -> ViewerContent:
@@ -141,11 +141,9 @@ class ViewerContent:
             said = (f"{f.kind}: {' – '.join(f.names)} {f.quantities[0]}".rstrip(" :") for f in here)
             lines.append("; ".join(said) or "proven")
         speeds = np.linalg.norm(motion.derivative(times), axis=1) * pace
-        moved = TimedMotion(
-            check.proof.checker.robot,
-            check.proof.checker.scene,
-            (times - times[0]) / pace,
-            motion.at(times),
+        moved = MotionRecord(
+            CarriedProblem(check.proof.checker.robot, check.proof.checker.scene, None),
+            Motion.through(motion.at(times), (times - times[0]) / pace),
             speeds,
             binding=tuple(names),
             name=title,
@@ -179,7 +177,7 @@ class ViewerContent:
     @property
     def playing_time(self) -> float:
         """How long it plays [s]: as long as the longest motion in time, else some seconds."""
-        return max((motion.duration for motion in self.motions.values()), default=_PLAYING_TIME)
+        return max((record.motion.duration for record in self.motions.values()), default=_PLAYING_TIME)
 
     @cached_property
     def danger_field(self) -> DangerField | None:
@@ -192,7 +190,7 @@ class ViewerContent:
     def along(self, name: str, shares: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at fractions (S,) of the length of a path, or of the playing time."""
         if name in self.motions:
-            return self.motions[name].at(shares * self.playing_time)
+            return self.motions[name].motion.at(shares * self.playing_time)
         if not self.paths:
             return np.tile(np.asarray(self.posture), (len(shares), 1))
         curve = Curve(self.robot, self.paths[name])
@@ -318,8 +316,8 @@ def _of_stages(robot: Robot, stages: Sequence[_Stage], title: str, danger: Mappi
     first = {name: obstacle.moved(places[0].get(name, obstacle.pose)) for name, obstacle in known.items()}
     scene = Scene(tuple(first.values()), stages[0].scene.spacing)
     steps = np.concatenate(times) - stages[0].begin
-    arrays = steps, np.vstack(rows), np.concatenate(speeds)
-    shown = TimedMotion(robot, scene, *arrays, {}, tuple(kinds), danger, title, tuple(remarks))
+    problem, moved = CarriedProblem(robot, scene, danger), Motion.through(np.vstack(rows), steps)
+    shown = MotionRecord(problem, moved, np.concatenate(speeds), {}, tuple(kinds), title, tuple(remarks))
     movers = Movers(steps, {}, [{}] * len(steps), places) if shapes else None
     return ViewerContent(robot, scene, danger=danger, motions={title: shown}, movers=movers, title=title)
 
@@ -348,11 +346,10 @@ def read_recording(
                 robot = built_robot(document.require(header, "robot"), package_dirs=package_dirs)
         scene = built_scene(document.require(header, "scene"))
         times = np.array([document.require(tick, "time") for tick in ticks], dtype=float)
-        motion = TimedMotion(
-            robot,
-            scene,
-            times - times[0],
-            np.array([document.require(tick, "q") for tick in ticks], dtype=float),
+        rows = finite_array([document.require(tick, "q") for tick in ticks], (None, robot.n), "q")
+        record = MotionRecord(
+            CarriedProblem(robot, scene, None),
+            Motion.through(robot.unrolled(rows), times - times[0]),
             np.linalg.norm([document.require(tick, "qd") for tick in ticks], axis=1),
             binding=tuple(str(document.require(tick, "state")) for tick in ticks),
             name="live",
@@ -371,7 +368,7 @@ def read_recording(
                 for tick in ticks
             ],
         )
-    return ViewerContent(robot, scene, danger=None, motions={motion.name: motion}, movers=movers, title=Path(file).stem)
+    return ViewerContent(robot, scene, danger=None, motions={record.name: record}, movers=movers, title=Path(file).stem)
 
 
 def _keypoints(people: Mapping[str, Any]) -> dict[str, Keypoints]:

@@ -18,7 +18,7 @@ from safe_ompl.drawing.plots import AXES, SIZE, plot_speeds
 from safe_ompl.drawing.style import NEUTRAL, START_COLOUR, Colour, as_bytes, cap_colours, level_colours, mixed, rgb
 from safe_ompl.drawing.surfaces import ColouredSurface, RobotBody, limb_surfaces, obstacle_surfaces, scene_surfaces
 from safe_ompl.geometry import Person
-from safe_ompl.io import ACCELERATION, TimedMotion
+from safe_ompl.io import ACCELERATION, MotionRecord
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -102,15 +102,15 @@ class SpeedBoard:
     """
 
     def __init__(
-        self, view: Any, name: str, motion: TimedMotion, centre: FloatArray, width: float, facing: FloatArray
+        self, view: Any, name: str, record: MotionRecord, centre: FloatArray, width: float, facing: FloatArray
     ) -> None:
-        self._motion = motion
+        self._record = record
         normal = facing / np.linalg.norm(facing)
         up = np.array([0.0, 0.0, 1.0])
         self._right, self._up = np.cross(up, normal), up
         self._size = np.array([width, width * BOARD_SHAPE])
         self._corner = centre - 0.5 * (self._size[0] * self._right + self._size[1] * up) + _BEFORE * normal
-        image = _picture(motion)
+        image = _picture(record)
         self.has_title = image is not None
         if image is not None:
             turn = np.column_stack([self._right, -up, -normal])  # viser's y goes down the rows
@@ -126,10 +126,10 @@ class SpeedBoard:
     def at(self, time: float) -> None:
         """Show how fast it is at a time [s]."""
         left, bottom, width, height = AXES
-        share = left + width * min(time / self._motion.duration, 1.0)
+        share = left + width * min(time / self._record.motion.duration, 1.0)
         ends = np.array([self._place(share, bottom), self._place(share, bottom + height)])
         self.cursor.points = ends[None].astype(np.float32)
-        lines = self._motion.remark(time).split("; ", _LINES - 1)
+        lines = self._record.remark(time).split("; ", _LINES - 1)
         for k, label in enumerate(self.labels):
             label.text = lines[k] if k < len(lines) else ""
             label.visible = k < len(lines)
@@ -140,10 +140,10 @@ class SpeedBoard:
         return np.asarray(self._corner + right + up)
 
 
-def _picture(motion: TimedMotion) -> Any:
+def _picture(record: MotionRecord) -> Any:
     try:
-        known = motion.times, motion.speeds, motion.bounds, motion.binding
-        figure = plot_speeds(*known, None, title=motion.name, dpi=_DPI)
+        known = record.motion.times, record.speeds, record.bounds, record.binding
+        figure = plot_speeds(*known, None, title=record.name, dpi=_DPI)
     except SafeOmplError as missing:
         _log.warning("no board with the speed: %s", missing)
         return None
@@ -251,7 +251,7 @@ class PathView:
         self.name, self._view, self._content = name, view, content
         self.node = node = f"/path_{number + 1}"
         self.samples = content.along(name, _EVENLY)
-        self.motion = content.motions.get(name)
+        self.record = content.motions.get(name)
         self.board: SpeedBoard | None = None
         self.movers: MoverFigures | None = None
         if content.movers is not None:
@@ -294,14 +294,14 @@ class PathView:
         if field is not None:
             lines.append(f"danger {field.value(q):.3f}")
         lines += [f"{1e3 * found.distance:.0f} mm: {found.link} – {found.obstacle}" for found in self.lines.found(q)]
-        if self.motion is not None and share is not None:
-            lines.append(self.motion.remark(share * self._content.playing_time))
+        if self.record is not None and share is not None:
+            lines.append(self.record.remark(share * self._content.playing_time))
         return "  \n".join(lines)
 
     def add_board(self, centre: FloatArray, width: float, facing: FloatArray) -> None:
         """Add a board with the speed against time, if the motion has times, see `SpeedBoard`."""
-        if self.motion is not None:
-            self.board = SpeedBoard(self._view, f"{self.node}/speed", self.motion, centre, width, facing)
+        if self.record is not None:
+            self.board = SpeedBoard(self._view, f"{self.node}/speed", self.record, centre, width, facing)
             if self.label is not None and self.board.has_title:
                 self.label.remove()  # the board says it
                 self.label = None
@@ -332,14 +332,15 @@ class PathView:
             ("goal", colour, _GOAL_OPACITY, self.samples[-1]),
         ):
             RobotFigure(self._view, f"{self.node}/{name}", body, shown, opacity).pose(q)
-        robot, motion, thick = self._content.robot, self.motion, 0.008
+        robot, record, thick = self._content.robot, self.record, 0.008
         paint: Any = rgb(colour)
         keypoints = robot.keypoints_batch(self.samples)
         tips = keypoints[:, -1]
-        if motion is not None:  # each piece in the colour of what bounds the speed there
-            tips, thick = robot.keypoints_batch(motion.configurations)[:, -1], 0.014
-            paints = cap_colours([*motion.bounds, *filter(None, motion.binding)])
-            pieces = as_bytes(np.array([paints[bound or ACCELERATION] for bound in motion.binding[:-1]]))
+        # Each piece has the colour of what bounds the speed there.
+        if record is not None:
+            tips, thick = robot.keypoints_batch(record.motion.knots)[:, -1], 0.014
+            paints = cap_colours([*record.bounds, *filter(None, record.binding)])
+            pieces = as_bytes(np.array([paints[bound or ACCELERATION] for bound in record.binding[:-1]]))
             paint = np.repeat(pieces[:, None], 2, axis=1)
         segments = np.stack([tips[:-1], tips[1:]], axis=1)
         self._view.add_line_segments(f"{self.node}/trace", segments, paint, thickness=thick)

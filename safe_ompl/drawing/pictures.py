@@ -177,15 +177,15 @@ def draw_program(result: ProgramResult, file: str | Path) -> None:
     (shown,) = content.motions.values()
     right = np.asarray(plot_program(result, None, dpi=_QUICK_DPI).canvas.buffer_rgba())[..., :3]
     size = len(right) * 5 // 4, len(right)
-    drawn = DrawnScene(content.robot, content.scene, [shown.configurations])
-    samples = shown.at(np.linspace(0.0, shown.duration, _PROGRAM_SAMPLES))
+    drawn = DrawnScene(content.robot, content.scene, [shown.motion.knots])
+    samples = shown.motion.at(np.linspace(0.0, shown.motion.duration, _PROGRAM_SAMPLES))
     ends = np.array([stretch.begin + stretch.motion.duration for stretch in result.stretches[:-1]])
-    tips = drawn.trace(shown.at(ends))
+    tips = drawn.trace(shown.motion.at(ends))
     apart = [k for k in range(len(ends)) if (np.linalg.norm(tips[:k] - tips[k], axis=1) > _NEAR).all()]
-    moved = [] if content.movers is None else content.movers.obstacles_at(shown.duration, content.scene)
+    moved = [] if content.movers is None else content.movers.obstacles_at(shown.motion.duration, content.scene)
     things = [surface for obstacle in moved for surface in obstacle_surfaces(obstacle)]
     renderer = Renderer(drawn.floor, best_view(drawn, size), size)
-    left = _postures(drawn, renderer, samples, ends[apart] / shown.duration, ACCENT, things)
+    left = _postures(drawn, renderer, samples, ends[apart] / shown.motion.duration, ACCENT, things)
     save_picture(np.hstack([left, right]), file)
 
 

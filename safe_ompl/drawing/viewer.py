@@ -18,7 +18,7 @@ from safe_ompl.drawing.drawn_scene import DrawnScene, best_view
 from safe_ompl.drawing.path_view import BOARD_SHAPE, PathView
 from safe_ompl.drawing.style import planner_styles
 from safe_ompl.drawing.surfaces import RobotBody
-from safe_ompl.io import TimedMotion
+from safe_ompl.io import CarriedProblem, MotionRecord
 from safe_ompl.motions import Trajectory
 from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
@@ -35,7 +35,7 @@ _BACKGROUND = 245
 
 
 def view(
-    shown: ViewerContent | PlanResult | ProgramResult | TimedMotion | Trajectory | Sequence[PlanResult],
+    shown: ViewerContent | PlanResult | ProgramResult | MotionRecord | Trajectory | Sequence[PlanResult],
     *,
     robot: Robot | None = None,
     scene: Scene | None = None,
@@ -46,7 +46,7 @@ def view(
 
     Parameters
     ----------
-    shown : PlanResult, sequence of PlanResult, ProgramResult, Trajectory, TimedMotion or ViewerContent
+    shown : PlanResult, sequence of PlanResult, ProgramResult, Trajectory, MotionRecord or ViewerContent
         What is shown; several results stand side by side.
     robot, scene : Robot and Scene
         Of a `Trajectory`, which does not know them; the scene may be left out.
@@ -66,8 +66,8 @@ def view(
     if isinstance(shown, Trajectory):
         if robot is None:
             raise InputError("a Trajectory does not know its robot: give robot=, and scene=", "view")
-        shown = TimedMotion.of(shown, robot, Scene() if scene is None else scene)
-    if isinstance(shown, TimedMotion):
+        shown = MotionRecord.of(shown, CarriedProblem(robot, Scene() if scene is None else scene, None))
+    if isinstance(shown, MotionRecord):
         shown = ViewerContent.of_motions([shown])
     elif isinstance(shown, ProgramResult):
         shown = ViewerContent.of_program(shown)

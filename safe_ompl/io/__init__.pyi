@@ -7,8 +7,9 @@ from .motion_files import (
     read_log as read_log,
     read_motion as read_motion,
 )
-from .motions import ACCELERATION as ACCELERATION, JointPath as JointPath, TimedMotion as TimedMotion
+from .motions import ACCELERATION as ACCELERATION, MotionRecord as MotionRecord
 from .problems import (
+    CarriedProblem as CarriedProblem,
     RobotDocument as RobotDocument,
     SceneDocument as SceneDocument,
     built_robot as built_robot,

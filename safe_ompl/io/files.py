@@ -10,7 +10,7 @@ import numpy as np
 
 from safe_ompl.common import Counts, InputError, documents as document, files, finite_array
 from safe_ompl.io.motion_files import motion_content, motion_of_document, read_motion
-from safe_ompl.io.motions import JointPath, TimedMotion
+from safe_ompl.io.motions import MotionRecord
 from safe_ompl.io.problems import CarriedProblem, built_scene, carried_scene
 from safe_ompl.io.schema import kind_of, marked, strict_json
 from safe_ompl.motions import Motion, Trajectory
@@ -72,12 +72,12 @@ def _report(data: Mapping[str, Any]) -> PathReport:
     return PathReport(float(data["length"]), danger, ClearanceReport(**clearance), certified)
 
 
-Saveable: TypeAlias = PlanResult | ProgramResult | JointPath | Scene | Motion | Trajectory
-Loaded: TypeAlias = PlanResult | JointPath | Scene | Motion | TimedMotion
+Saveable: TypeAlias = PlanResult | ProgramResult | Scene | Motion | Trajectory
+Loaded: TypeAlias = PlanResult | Scene | Motion | MotionRecord
 
 
 def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> None:
-    """Write a result, a path, a motion, a trajectory or a scene to a file that `load` reads back.
+    """Write a result, a motion, a trajectory or a scene to a file that `load` reads back.
 
     The ending says in which form. JSON is read back exactly, of a program and of a trajectory the motion: a result
     carries its robot and its scene, a scene its meshes and points. All else holds way points, with times and rates
@@ -85,7 +85,7 @@ def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> No
 
     Parameters
     ----------
-    thing : PlanResult, ProgramResult, JointPath, Scene, Motion or Trajectory
+    thing : PlanResult, ProgramResult, Scene, Motion or Trajectory
         What to write.
     file : path-like
         The file.
@@ -98,7 +98,7 @@ def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> No
         If it is none of these, the file has another ending or cannot hold it, or a file of the scene is gone.
     """
     if not isinstance(thing, Saveable):
-        kinds = "a PlanResult, a ProgramResult, a JointPath, a Scene, a Motion or a Trajectory"
+        kinds = "a PlanResult, a ProgramResult, a Scene, a Motion or a Trajectory"
         raise InputError(f"can be {kinds}, not {type(thing).__name__}", "to save")
     content: str | bytes
     if Path(file).suffix.lower() == ".json":
@@ -115,8 +115,6 @@ def _saved(thing: Saveable, meshes: bool | None) -> dict[str, Any]:
         return marked("result", result_to_mapping(thing, meshes))
     if isinstance(thing, ProgramResult):
         return marked("motion", {**thing.as_dict(), **thing.motion.to_mapping()})
-    if isinstance(thing, JointPath):
-        return marked("path", thing.to_mapping())
     if isinstance(thing, Scene):
         return marked("scene", {"scene": carried_scene(thing)})
     if isinstance(thing, Motion):
@@ -153,9 +151,7 @@ def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence
         if kind == "result":
             return result_from_mapping(content, robot, folders)
         if kind == "trajectory" and "problem" in content:
-            return TimedMotion.from_mapping(content, robot, folders)
-        if kind == "path":
-            return JointPath.from_mapping(content)
-        if kind in ("motion", "trajectory"):
+            return MotionRecord.from_mapping(content, robot, folders)
+        if kind in ("path", "motion", "trajectory"):
             return motion_of_document(content)
         return built_scene(document.mapping("scene", document.require(content, "scene")))

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, documents as document, files, listed
-from safe_ompl.io.motions import JointPath, kept_columns, read_table
+from safe_ompl.io.motions import kept_columns, read_table
 from safe_ompl.io.schema import kind_of, marked, strict_json
 from safe_ompl.motions import Motion
 from safe_ompl.robot import Robot
@@ -316,7 +316,8 @@ def _from_own(content: Mapping[str, Any], kind: str) -> Motion:
     if kind == "trajectory":
         return _from_message(content)
     if kind == "path" or (kind == "result" and content.get("path") is not None):
-        return Motion.of(JointPath.from_mapping(dict(content)))
+        names = document.sequence("joint_names", document.require(content, "joint_names"))
+        return Motion.through(document.require(content, "path"), names=names)
     reason = f"no path was found ({listed([content.get('status')])})" if kind == "result" else f"it holds a {kind}"
     raise InputError(f"must hold a motion, but {reason}", "kind")
 

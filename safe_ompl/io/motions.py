@@ -1,82 +1,22 @@
-"""Paths of named joints, for controllers and spreadsheets; and motions in time with their robot and scene."""
+"""Tables of numbers, and motions in time with their robot, scene and speeds."""
 
 from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, documents as document, finite_array, float_array, listed, shown
 from safe_ompl.io.problems import CarriedProblem
-from safe_ompl.motions import RATE, Trajectory
-from safe_ompl.planning import PlanResult
+from safe_ompl.motions import RATE, Motion, Trajectory
 from safe_ompl.robot import Robot
-from safe_ompl.scene import Scene
 
 _OF_JOINT = re.compile("_(position|velocity|acceleration)$")
-
-
-@dataclass(frozen=True, eq=False)
-class JointPath:
-    """Way points of named joints.
-
-    Parameters
-    ----------
-    joint_names : sequence of str
-        The n joints; their names differ.
-    points : array_like, shape (N, n)
-        Way points [rad or m]; between them the joints move on straight lines, as their numbers stand.
-
-    Raises
-    ------
-    InputError
-        If names repeat, or the way points have another shape or are not finite.
-    """
-
-    joint_names: tuple[str, ...]
-    points: FloatArray
-
-    if TYPE_CHECKING:  # what is given, which becomes what the fields say
-
-        def __init__(self, joint_names: Iterable[str], points: ArrayLike) -> None: ...
-
-    def __post_init__(self) -> None:
-        names = tuple(document.text("joint name", name) for name in self.joint_names)
-        if len(set(names)) < len(names):
-            raise InputError(f"must differ, got {', '.join(names)}", "joint names")
-        points = np.array(finite_array(self.points, (None, len(names)), "path"))
-        points.setflags(write=False)
-        object.__setattr__(self, "joint_names", names)
-        object.__setattr__(self, "points", points)
-
-    @classmethod
-    def of(cls, result: PlanResult) -> JointPath:
-        """Return the path of a result.
-
-        Raises
-        ------
-        InputError
-            If it is not solved.
-        """
-        if result.path is None:
-            raise InputError(f"{result.planner} found no path: {result.status}")
-        return cls(result.joint_names, result.path)
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return what `from_mapping` reads."""
-        return {"joint_names": list(self.joint_names), "path": self.points.tolist()}
-
-    @classmethod
-    def from_mapping(cls, data: dict[str, Any]) -> JointPath:
-        """Read a path from a document."""
-        names = document.sequence("joint_names", document.require(data, "joint_names"))
-        return cls(tuple(names), document.require(data, "path"))
 
 
 def read_table(
@@ -155,29 +95,44 @@ ACCELERATION = "joint acceleration"
 
 
 @dataclass(frozen=True, eq=False)
-class TimedMotion:
-    """T samples of a trajectory, the speed along its path, and what bounds it; InputError if they do not fit."""
+class MotionRecord:
+    """A motion in time of a robot among obstacles as it is saved and shown: how fast it is, and what bounds that.
 
-    robot: Robot  # Who moves, and among what
-    scene: Scene
-    times: FloatArray  # (T,), instants, increasing from 0 [s]
-    configurations: FloatArray  # (T, n), joint values [rad or m]
-    speeds: FloatArray  # (T,), speed ṡ along the path [rad/s]
-    # Name of a cap → the largest ṡ that it allows [rad/s]; +inf where it allows any
+    Parameters
+    ----------
+    problem : CarriedProblem
+        Who moves, among what, and what is dangerous there.
+    motion : Motion
+        In time, from 0 on, by its T knots.
+    speeds : array_like, shape (T,)
+        The speed ṡ along the path at the knots [rad/s].
+    bounds : mapping of str to array_like, shape (T,)
+        By the name of a cap: the largest ṡ that it allows there [rad/s]; +inf where it allows any.
+    binding : sequence of str or None
+        T names: the cap that the speed reaches; None where accelerations bind.
+    name : str
+        Who planned it.
+    remarks : sequence of str
+        T lines, what there is to say of each knot; by default how fast it is, and what bounds that.
+
+    Raises
+    ------
+    InputError
+        If they do not fit.
+    """
+
+    problem: CarriedProblem
+    motion: Motion
+    speeds: FloatArray
     bounds: Mapping[str, FloatArray] = field(default_factory=dict)
-    # T names: the cap that the speed reaches; None where accelerations bind
     binding: tuple[str | None, ...] = ()
-    danger: Mapping[str, Any] | None = None  # Options of the danger field
-    name: str = ""  # Who planned it
-    # T lines, what there is to say of each sample; by default how fast it is, and what bounds that
+    name: str = ""
     remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        count = len(self.times)
-        times = finite_array(self.times, (count,), "times")
-        if count < 2 or times[0] != 0.0 or (np.diff(times) <= 0).any():
-            raise InputError(f"must increase from 0, two at least, got {count}", "times")
-        finite_array(self.configurations, (count, self.robot.n), "configurations")
+        count = len(self.motion.times)
+        if not self.motion.timed or self.motion.times[0] != 0.0:
+            raise InputError("must be in time, from 0 on", "motion")
         finite_array(self.speeds, (count,), "speeds")
         for to, values in self.bounds.items():
             float_array(values, (count,), f"bounds by {to}")
@@ -186,51 +141,30 @@ class TimedMotion:
                 raise InputError(f"must have {count} entries, got {len(rows)}", key)
 
     @classmethod
-    def of(
-        cls,
-        trajectory: Trajectory,
-        robot: Robot,
-        scene: Scene,
-        *,
-        rate: float = RATE,
-        danger: Mapping[str, Any] | None = None,
-        name: str = "",
-    ) -> TimedMotion:
-        """Return the points of a trajectory, a rate [Hz] at least."""
+    def of(cls, trajectory: Trajectory, problem: CarriedProblem, *, rate: float = RATE, name: str = "") -> MotionRecord:
+        """Return the points of a trajectory, a rate [Hz] at least, with straight lines between them."""
         times, states = trajectory.points(rate)
         cells, _, speeds, _ = trajectory.law.at(times * (trajectory.duration / times[-1]))
         binding = trajectory.binding()
         return cls(
-            robot,
-            scene,
-            times,
-            states["positions"],
+            problem,
+            Motion.through(states["positions"], times, trajectory.joint_names),
             speeds,
             {cap.name: cap.speeds[cells] for cap in trajectory.caps},
             tuple(binding[cell] for cell in cells),
-            danger,
             name,
         )
 
-    @property
-    def duration(self) -> float:
-        """How long it takes [s]."""
-        return float(self.times[-1])
-
-    def at(self, times: FloatArray) -> FloatArray:
-        """Return the configurations (S, n) at times (S,) [s]; at rest before and after."""
-        columns = self.robot.unrolled(self.configurations).T
-        return np.stack([np.interp(times, self.times, column) for column in columns], axis=1)
-
-    def sample(self, time: float) -> int:
-        """Return the number of the sample at a time [s], or before it."""
-        return int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 1))
+    def knot(self, time: float) -> int:
+        """Return the number of the knot at a time [s], or before it."""
+        times = self.motion.times
+        return int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 1))
 
     def remark(self, time: float) -> str:
         """Return what there is to say of it at a time [s]."""
-        sample = self.sample(time)
-        said = f"{self.speeds[sample]:.2f} rad/s, bounded by {self.binding[sample] or ACCELERATION}"
-        return f"{min(time, self.duration):.2f} s: {self.remarks[sample] if self.remarks else said}"
+        k = self.knot(time)
+        said = f"{self.speeds[k]:.2f} rad/s, bounded by {self.binding[k] or ACCELERATION}"
+        return f"{min(time, self.motion.duration):.2f} s: {self.remarks[k] if self.remarks else said}"
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what a file holds besides the points of the trajectory; `from_mapping` reads both."""
@@ -239,28 +173,27 @@ class TimedMotion:
             "speeds": self.speeds.tolist(),
             "bounds": {name: values.tolist() for name, values in self.bounds.items()},
             "binding": list(self.binding),
-            "problem": CarriedProblem(self.robot, self.scene, self.danger).to_mapping(),
+            "problem": self.problem.to_mapping(),
         }
 
     @classmethod
     def from_mapping(
         cls, data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[Path] = ()
-    ) -> TimedMotion:
+    ) -> MotionRecord:
         """Read the file of a trajectory, as `safe-ompl plan --trajectory` writes it; see `load`."""
-        about = CarriedProblem.from_mapping(document.require(data, "problem"), robot, package_dirs)
+        problem = CarriedProblem.from_mapping(document.require(data, "problem"), robot, package_dirs)
         points = document.sequence("points", document.require(data, "points"))
+        times, configurations = _points(points, problem.robot.n)
         bounds = document.by_name("bounds", document.require(data, "bounds"), document.sequence)
         return cls(
-            about.robot,
-            about.scene,
-            *_points(points, about.robot.n),
+            problem,
+            Motion.through(configurations, times, problem.robot.joint_names),
             np.array(document.numbers("speeds", document.require(data, "speeds"))),
             {  # null is +inf in a file
                 name: np.array([np.inf if v is None else document.number(f"bounds.{name}", v) for v in values])
                 for name, values in bounds.items()
             },
             document.each("binding", document.require(data, "binding"), _name_or_none),
-            about.danger,
             str(data.get("planner") or ""),
         )
 

@@ -424,7 +424,7 @@ class Motion:
         ----------
         thing : object
             A `Motion`; SciPy's `PPoly` (`CubicSpline`, `Akima1DInterpolator`, …), `BPoly` or `BSpline` with values
-            (n,); way points (N, n); a `PlanResult`, a `JointPath`; OMPL's `PathGeometric`, or a solved `SimpleSetup`,
+            (n,); way points (N, n); a `PlanResult`; OMPL's `PathGeometric`, or a solved `SimpleSetup`,
             on which angles go the way that their space interpolates; a `Trajectory`, as controllers join its `points`.
         names : sequence of str, optional
             The joints, where it does not name them itself.
@@ -450,15 +450,14 @@ class Motion:
             thing, space = thing.getSolutionPath(), thing.getStateSpace()
         if hasattr(thing, "getStateCount"):
             return cls.through(forms.path_states(thing, space), names=names)
-        if hasattr(thing, "joint_names") and (hasattr(thing, "path") or hasattr(thing, "points")):
-            path = thing.path if hasattr(thing, "path") else thing.points
-            if path is None:
+        if hasattr(thing, "joint_names") and hasattr(thing, "path"):
+            if thing.path is None:
                 raise InputError(f"{thing!r} has no path", "motion")
-            thing, names = path, thing.joint_names
+            thing, names = thing.path, thing.joint_names
         if isinstance(thing, (np.ndarray, list, tuple)):
             return cls.through(thing, names=names)
         raise InputError(
-            "must be a Motion, SciPy's PPoly, BPoly or BSpline, way points (N, n), a PlanResult, a JointPath, a "
+            "must be a Motion, SciPy's PPoly, BPoly or BSpline, way points (N, n), a PlanResult, a "
             f"Trajectory or OMPL's PathGeometric, got {shown(thing)}",
             "motion",
         )

@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from safe_ompl import Box, InputError, Obstacle, People, Person, Pose, RateLimits, SafeSetup, Scene, load
+from safe_ompl import Box, InputError, Motion, Obstacle, People, Person, Pose, RateLimits, SafeSetup, Scene, load
 from safe_ompl.apps import main
 from safe_ompl.drawing import ViewerContent, read_recording, save_animation
 from safe_ompl.drawing.plots import plot_speeds
 from safe_ompl.geometry import STANDING
-from safe_ompl.io import TimedMotion, carried_robot, carried_scene, marked, strict_json
+from safe_ompl.io import CarriedProblem, MotionRecord, carried_robot, carried_scene, marked, strict_json
 
 START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
 TICK = 0.1
@@ -32,8 +32,9 @@ def trajectory(setup):
 
 
 @pytest.fixture(scope="module")
-def motion(setup, trajectory):
-    return TimedMotion.of(trajectory, setup.robot, setup.scene, rate=50.0, name="SafeRRTConnect")
+def record(setup, trajectory):
+    problem = CarriedProblem(setup.robot, setup.scene, None)
+    return MotionRecord.of(trajectory, problem, rate=50.0, name="SafeRRTConnect")
 
 
 @pytest.fixture(scope="module")
@@ -64,66 +65,68 @@ def recording(ur5, tmp_path_factory):
     return file
 
 
-def test_a_motion_comes_back_from_its_file(motion, trajectory, tmp_path):
+def test_a_motion_comes_back_from_its_file(record, trajectory, tmp_path):
     file = tmp_path / "motion.json"
-    content = marked("trajectory", {**trajectory.as_dict(50.0), **motion.to_mapping()})
+    content = marked("trajectory", {**trajectory.as_dict(50.0), **record.to_mapping()})
     file.write_text(strict_json(content), encoding="utf-8")
     back = load(file)
-    assert isinstance(back, TimedMotion)
-    np.testing.assert_array_equal(back.times, motion.times)
-    np.testing.assert_array_equal(back.configurations, motion.configurations)
-    np.testing.assert_array_equal(back.speeds, motion.speeds)
-    assert back.binding == motion.binding
-    assert back.bounds.keys() == motion.bounds.keys()
-    for name, values in motion.bounds.items():
+    assert isinstance(back, MotionRecord)
+    np.testing.assert_array_equal(back.motion.times, record.motion.times)
+    np.testing.assert_array_equal(back.motion.knots, record.motion.knots)
+    np.testing.assert_array_equal(back.speeds, record.speeds)
+    assert back.binding == record.binding
+    assert back.bounds.keys() == record.bounds.keys()
+    for name, values in record.bounds.items():
         np.testing.assert_array_equal(back.bounds[name], values)
-    assert back.scene == motion.scene
+    assert back.problem.scene == record.problem.scene
 
 
 @pytest.mark.parametrize("wrong", [[], {}, 1.0, ""])
-def test_what_binds_is_a_name_or_nothing(motion, trajectory, tmp_path, wrong):
+def test_what_binds_is_a_name_or_nothing(record, trajectory, tmp_path, wrong):
     file = tmp_path / "motion.json"
-    content = marked("trajectory", {**trajectory.as_dict(50.0), **motion.to_mapping()})
+    content = marked("trajectory", {**trajectory.as_dict(50.0), **record.to_mapping()})
     content["binding"][3] = wrong
     file.write_text(strict_json(content), encoding="utf-8")
     with pytest.raises(InputError, match=r"motion.json: binding\[3\]: must be text"):
         load(file)
 
 
-def test_no_sample_is_faster_than_its_bounds(motion):
-    assert "separation" in motion.bounds
-    for values in motion.bounds.values():
-        assert (motion.speeds <= values * (1 + 1e-9)).all()
-    assert motion.remark(motion.duration / 2).endswith(str(motion.binding[motion.sample(motion.duration / 2)] or ""))
+def test_no_sample_is_faster_than_its_bounds(record):
+    assert "separation" in record.bounds
+    for values in record.bounds.values():
+        assert (record.speeds <= values * (1 + 1e-9)).all()
+    assert record.remark(record.motion.duration / 2).endswith(
+        str(record.binding[record.knot(record.motion.duration / 2)] or "")
+    )
 
 
-def test_motions_that_make_no_sense_are_refused(setup, motion):
-    whole = (setup.robot, setup.scene, motion.times, motion.configurations, motion.speeds)
+def test_motions_that_make_no_sense_are_refused(record):
+    whole = record.problem, record.motion, record.speeds
     with pytest.raises(InputError, match="binding"):
-        TimedMotion(*whole, {}, ("separation",))
+        MotionRecord(*whole, {}, ("separation",))
     with pytest.raises(InputError, match="bounds by separation"):
-        TimedMotion(*whole, {"separation": np.ones(3)}, motion.binding)
-    with pytest.raises(InputError, match="increase from 0"):
-        TimedMotion(*whole[:2], motion.times[::-1], *whole[3:], {}, motion.binding)
+        MotionRecord(*whole, {"separation": np.ones(3)}, record.binding)
+    with pytest.raises(InputError, match="motion: must be in time, from 0 on"):
+        MotionRecord(record.problem, Motion.through(record.motion.knots), record.speeds, {}, record.binding)
     with pytest.raises(InputError, match="equally many"):
         plot_speeds([0.0, 1.0], [0.0, 1.0], {"cap": [1.0]}, [None, None], None)
 
 
-def test_a_view_plays_a_motion_as_it_is_in_time(motion, trajectory):
-    content = ViewerContent.of_motions([motion])
+def test_a_view_plays_a_motion_as_it_is_in_time(record, trajectory):
+    content = ViewerContent.of_motions([record])
     assert content.playing_time == pytest.approx(trajectory.duration)
     shares = np.array([0.0, 0.3, 0.7, 1.0])
     states = trajectory.at(shares * trajectory.duration)
-    np.testing.assert_allclose(content.along(motion.name, shares), states.q, atol=2e-3)
+    np.testing.assert_allclose(content.along(record.name, shares), states.q, atol=2e-3)
     with pytest.raises(InputError, match="no motion"):
         ViewerContent.of_motions([])
 
 
-def test_a_view_says_how_fast_it_is_and_what_bounds_it(motion):
+def test_a_view_says_how_fast_it_is_and_what_bounds_it(record):
     pytest.importorskip("viser")
     from safe_ompl.drawing.viewer import BrowserView
 
-    view = BrowserView(ViewerContent.of_motions([motion, motion]), port=8766)
+    view = BrowserView(ViewerContent.of_motions([record, record]), port=8766)
     try:
         assert list(view.content.paths) == ["SafeRRTConnect", "SafeRRTConnect, 2"]
         board = view.path_views[0].board
@@ -133,7 +136,7 @@ def test_a_view_says_how_fast_it_is_and_what_bounds_it(motion):
         assert "bounded by" in view.describe()[0]
         view.go_to(1.0)
         assert np.linalg.norm(board.cursor.points - cursor) > 0.1
-        assert board.labels[0].text.startswith(f"{motion.duration:.2f} s: ")
+        assert board.labels[0].text.startswith(f"{record.motion.duration:.2f} s: ")
     finally:
         view.stop()
 
@@ -182,12 +185,12 @@ def test_recordings_that_cannot_be_read_are_refused(recording, tmp_path, capsys)
 
 
 @pytest.mark.parametrize("ending", [".webp", ".gif"])
-def test_an_animation_moves(motion, tmp_path, ending, monkeypatch):
+def test_an_animation_moves(record, tmp_path, ending, monkeypatch):
     image = pytest.importorskip("PIL.Image")
     monkeypatch.setattr("safe_ompl.drawing.pictures.FEWEST_FRAMES", 3)
     monkeypatch.setattr("safe_ompl.drawing.pictures.RATE", 1.0)
     file = tmp_path / f"animation{ending}"
-    save_animation(ViewerContent.of_motions([motion]), file)
+    save_animation(ViewerContent.of_motions([record]), file)
     moving = image.open(file)
     assert moving.n_frames == 3
     frames = []
@@ -196,4 +199,4 @@ def test_an_animation_moves(motion, tmp_path, ending, monkeypatch):
         frames.append(np.asarray(moving.convert("L"), dtype=float))
     assert np.abs(frames[0] - frames[2])[60:].max() > 40
     with pytest.raises(InputError, match=r"\.webp or \.gif"):
-        save_animation(ViewerContent.of_motions([motion]), tmp_path / "animation.mp4")
+        save_animation(ViewerContent.of_motions([record]), tmp_path / "animation.mp4")

@@ -10,11 +10,11 @@ from itertools import count
 import numpy as np
 import pytest
 
-from safe_ompl import Box, Obstacle, Pose, Robot, Scene
+from safe_ompl import Box, Motion, Obstacle, Pose, Robot, Scene
 from safe_ompl.drawing import ViewerContent, save_page
 from safe_ompl.drawing.content import Movers
 from safe_ompl.geometry import STANDING
-from safe_ompl.io import TimedMotion
+from safe_ompl.io import CarriedProblem, MotionRecord
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 OPTIONS = (
@@ -61,7 +61,8 @@ def drive(robot, scene, path):
     times = np.linspace(0.0, 8.0, 9)
     shares = np.linspace(0.0, 1.0, 9)[:, None]
     states = ("moving",) * 6 + ("braking",) * 2 + ("standing",)
-    motion = TimedMotion(robot, scene, times, path[0] + shares * (path[1] - path[0]), np.ones(9), {}, states)
+    moved = Motion.through(path[0] + shares * (path[1] - path[0]), times)
+    motion = MotionRecord(CarriedProblem(robot, scene, None), moved, np.ones(9), {}, states)
     body = {name: 1.75 * np.array(point) + [1.2, 0.0, -0.5] for name, point in STANDING.items()}
     walk = [{"anna": {name: np.add(p, [0.0, 0.2 * k, 0.0]).tolist() for name, p in body.items()}} for k in range(9)]
     movers = Movers(times, {"anna": 1.75}, walk, [{}] * 9)

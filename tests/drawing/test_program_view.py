@@ -32,15 +32,15 @@ def certified(result):
 def test_the_cube_goes_with_the_tip_while_it_is_held(source, result, certified):
     content = ViewerContent.of_program(result) if source == "result" else certified
     (shown,) = content.motions.values()
-    assert shown.duration == pytest.approx(result.duration)
-    np.testing.assert_allclose(shown.at(shown.times), result.motion.at(shown.times), atol=1e-9)
+    assert shown.motion.duration == pytest.approx(result.duration)
+    np.testing.assert_allclose(shown.motion.at(shown.motion.times), result.motion.at(shown.motion.times), atol=1e-9)
     assert content.movers.objects == {"cube"}
     held = [s for s in result.stretches if s.robot.attached]
     begin, end = held[0].begin, held[-1].begin + held[-1].motion.duration
     grasps = []
-    for time in np.linspace(0.0, shown.duration, 77):
+    for time in np.linspace(0.0, shown.motion.duration, 77):
         cube = content.movers.places_at(time)["cube"].se3
-        tip = content.robot.tip_pose(shown.at(np.array([time]))[0])
+        tip = content.robot.tip_pose(shown.motion.at(np.array([time]))[0])
         if time <= begin:
             np.testing.assert_allclose(cube.translation, (0.45, 0.32, 0.025), atol=1e-9)
         elif time >= end:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from safe_ompl import Box, InputError, JointPath, Obstacle, PlanResult, Pose, SafeSetup, Scene, load, save
+from safe_ompl import Box, InputError, Motion, Obstacle, PlanResult, Pose, SafeSetup, Scene, load, save
 from safe_ompl.robot import Robot, robot_hash
 
 
@@ -49,10 +49,10 @@ def test_a_scene_comes_back_with_its_mesh(data_folder, tmp_path):
 
 
 def test_a_path_comes_back_exactly(tmp_path):
-    path = JointPath(("hip", "knee"), [[0.1, 1 / 3], [np.pi, -2e-17]])
+    path = Motion.through([[0.1, 1 / 3], [np.pi, -2e-17]], names=("hip", "knee"))
     save(path, tmp_path / "path.json")
     back = load(tmp_path / "path.json")
-    assert (back.joint_names, back.points.tolist()) == (path.joint_names, path.points.tolist())
+    assert (back.joint_names, back.to_mapping()) == (path.joint_names, path.to_mapping())
     save(path, tmp_path / "path.csv")
     assert (tmp_path / "path.csv").read_text().splitlines()[0] == "hip,knee"
 
@@ -65,7 +65,10 @@ def test_a_path_comes_back_exactly(tmp_path):
         ('{"format": "safe-ompl", "version": 1, "kind": "path"}', "version: 1 is not known"),
         ('{"format": "safe-ompl", "version": 2, "kind": "dance"}', "unknown kind of file 'dance'"),
         ('{"format": "safe-ompl", "version": 2, "kind": "path", "path": []}', "joint_names"),
-        ('{"format": "safe-ompl", "version": 2, "kind": "path", "joint_names": ["a"], "path": [[1, 2]]}', "path"),
+        (
+            '{"format": "safe-ompl", "version": 2, "kind": "path", "joint_names": ["a"], "path": [[1, 2]]}',
+            "joint names: must be 2",
+        ),
     ],
 )
 def test_what_is_no_such_file_is_refused_by_name(content, words, tmp_path):
@@ -163,7 +166,5 @@ def test_meshes_that_are_none(meshed, tmp_path, name, data, words):
 
 
 def test_other_things_are_not_saved(tmp_path):
-    with pytest.raises(
-        InputError, match="PlanResult, a ProgramResult, a JointPath, a Scene, a Motion or a Trajectory, not int"
-    ):
+    with pytest.raises(InputError, match="PlanResult, a ProgramResult, a Scene, a Motion or a Trajectory, not int"):
         save(3, tmp_path / "x.json")

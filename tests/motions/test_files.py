@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from safe_ompl import InputError, JointPath, Motion, PlanResult, RateLimits, Scene, load, read_motion, save, time_path
+from safe_ompl import InputError, Motion, PlanResult, RateLimits, Scene, load, read_motion, save, time_path
 from safe_ompl.io import WRITABLE
 
 NAMES = ("hip", "knee")
@@ -85,7 +85,7 @@ def test_our_own_form_is_exact(tmp_path):
 
 SAVED = {
     "result": (PlanResult("Exact solution", Q, None, "PRM", 1, NAMES, 0.5), Motion.through(Q, names=NAMES)),
-    "path": (JointPath(NAMES, Q), Motion.through(Q, names=NAMES)),
+    "path": (Motion.through(Q, names=NAMES),) * 2,
     "lines": (Motion.hermite(T, Q, names=NAMES),) * 2,
     "cubics": (Motion.hermite(T, Q, V, names=NAMES),) * 2,
     "quintics": (SMOOTH, SMOOTH),

@@ -11,7 +11,7 @@ from numpy.polynomial import Chebyshev, Polynomial
 from ompl import base as ob, geometric as og
 from scipy import interpolate
 
-from safe_ompl import InputError, JointPath, Motion, PlanResult
+from safe_ompl import InputError, Motion, PlanResult
 from safe_ompl.collision.motion import place
 from safe_ompl.robot import ScratchState, StateBridge, joint_space
 
@@ -208,7 +208,7 @@ def test_paths_of_all_kinds(kinova):
     for q in points:
         path.append(scratch.set(q))
     solved = SimpleNamespace(getSolutionPath=lambda: path, getStateSpace=lambda: space)  # as a SimpleSetup is
-    for thing in (points, points.tolist(), result, JointPath(names, points), path, solved):
+    for thing in (points, points.tolist(), result, Motion.through(points, names=names), path, solved):
         motion = Motion.of(thing, space=space).for_robot(kinova)
         np.testing.assert_allclose(motion.knots, points, atol=1e-15)
         assert motion.joint_names == names
@@ -225,10 +225,8 @@ def test_numbers_of_continuous_joints_stand_but_states_of_angles_go_the_short_wa
     rng = np.random.default_rng(3)
     points = rng.uniform(-3.1, 3.1, (20, 6))
     assert np.abs(np.diff(points, axis=0)).max() > np.pi
-    path = JointPath(kinova.joint_names, points)
     for motion in (Motion.through(points), Motion.through(points, range(20)), Motion.hermite(range(20), points)):
         np.testing.assert_allclose(motion.for_robot(kinova).knots, points, atol=1e-13)
-    np.testing.assert_array_equal(Motion.of(path).for_robot(kinova).knots, points)
     for wraps in (True, False):
         space = joint_space(kinova) if wraps else ob.RealVectorStateSpace(6)
         if not wraps:

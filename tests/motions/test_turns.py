@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from ompl import base as ob, geometric as og
 
 import safe_ompl
-from safe_ompl import InputError, JointPath, Motion, MotionProver, PlanResult, Robot, SafeSetup, Scene, Sphere
+from safe_ompl import InputError, Motion, MotionProver, PlanResult, Robot, SafeSetup, Scene, Sphere
 from safe_ompl.certificates import certificate, motion_certificate, verify
 from safe_ompl.robot import ScratchState, StateBridge, joint_space
 
@@ -64,14 +64,16 @@ def states(robot, path):
 FORMS = {
     "array": lambda robot, path, folder: np.array(path)[:, None],
     "list": lambda robot, path, folder: [[q] for q in path],
-    "path": lambda robot, path, folder: JointPath(["turn"], np.array(path)[:, None]),
+    "path": lambda robot, path, folder: Motion.through(np.array(path)[:, None], names=["turn"]),
     "result": lambda robot, path, folder: PlanResult("Exact", np.array(path)[:, None], None, "P", 1, ("turn",), 0.1),
     "timed": lambda robot, path, folder: Motion.through(np.array(path)[:, None], range(len(path))),
     "csv": lambda robot, path, folder: written(folder / "way.csv", "turn\n" + "\n".join(map(str, path))),
     "timed csv": lambda robot, path, folder: written(
         folder / "way.csv", "time,turn\n" + "\n".join(f"{k},{q}" for k, q in enumerate(path))
     ),
-    "own": lambda robot, path, folder: saved(JointPath(["turn"], np.array(path)[:, None]), folder / "way.json"),
+    "own": lambda robot, path, folder: saved(
+        Motion.through(np.array(path)[:, None], names=["turn"]), folder / "way.json"
+    ),
     "message": lambda robot, path, folder: written(
         folder / "way.yaml", json.dumps({"joint_names": ["turn"], "points": [{"positions": [q]} for q in path]})
     ),

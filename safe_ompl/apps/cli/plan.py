@@ -20,7 +20,15 @@ from safe_ompl.certificates import program_certificate
 from safe_ompl.common import InputError, files
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.drawing import draw_plan, draw_program, plots
-from safe_ompl.io import WRITABLE, TimedMotion, marked, motion_content, motion_of_document, result_to_mapping
+from safe_ompl.io import (
+    WRITABLE,
+    CarriedProblem,
+    MotionRecord,
+    marked,
+    motion_content,
+    motion_of_document,
+    result_to_mapping,
+)
 from safe_ompl.motions import RATE, Motion, RateLimits, Trajectory
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.planning.planners import make_planner
@@ -166,10 +174,10 @@ def show_timed(
     if options.trajectory:
         assert result.robot is not None
         assert result.scene is not None
-        rate, about = options.rate or RATE, (result.robot, result.scene)
-        motion = TimedMotion.of(trajectory, *about, rate=rate, danger=result.danger, name=result.planner)
+        rate, problem = options.rate or RATE, CarriedProblem(result.robot, result.scene, result.danger)
+        record = MotionRecord.of(trajectory, problem, rate=rate, name=result.planner)
         # The form of a JointTrajectory, and what `safe-ompl view` needs.
-        content = marked("trajectory", {**trajectory.as_dict(rate), **motion.to_mapping()})
+        content = marked("trajectory", {**trajectory.as_dict(rate), **record.to_mapping()})
         # Stops with a limit of the jerk are proven of the trajectory alone.
         people = scenario.people if trajectory.limits.jerk is None else None
         # Stops between the points may take longer than those of the trajectory, which has no time to spare.

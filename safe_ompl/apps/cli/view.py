@@ -20,7 +20,7 @@ from safe_ompl.drawing import (
     save_animation,
     save_page,
 )
-from safe_ompl.io import TimedMotion, load, read_ticks, schema
+from safe_ompl.io import MotionRecord, load, read_ticks, schema
 from safe_ompl.planning import PlanResult, setup_scenario
 from safe_ompl.scene import Scenario
 from safe_ompl.tasks import PROGRAM_TIME, plan_program
@@ -145,12 +145,12 @@ def _loaded(given: Sequence[str], package_dirs: Sequence[Path]) -> ViewerContent
             return ViewerContent.of_certificate(content, Path(given[0]).stem, package_dirs)
     loaded = [load(file, package_dirs=package_dirs) for file in given]
     title = Path(given[0]).stem
-    motions = [thing for thing in loaded if isinstance(thing, TimedMotion)]
+    motions = [thing for thing in loaded if isinstance(thing, MotionRecord)]
     if motions and len(motions) == len(given):
         return ViewerContent.of_motions(motions, title=title)
-    if motions and all(isinstance(thing, TimedMotion | PlanResult) for thing in loaded):
+    if motions and all(isinstance(thing, MotionRecord | PlanResult) for thing in loaded):
         raise InputError(f"either results or trajectories, not both: {', '.join(given)}")
     for file, thing in zip(given, loaded, strict=True):
-        if not isinstance(thing, TimedMotion | PlanResult):
+        if not isinstance(thing, MotionRecord | PlanResult):
             raise InputError(f"must be a result, a certificate or a trajectory, not a {type(thing).__name__}", file)
     return ViewerContent.of_results([thing for thing in loaded if isinstance(thing, PlanResult)], title=title)
