@@ -127,6 +127,12 @@ def take_it_twice(content):
     claimed(content, 1)["attach"] = {"cube": "panda_hand_tcp"}
 
 
+def take_it_before_the_fingers_close(content):
+    closes, lifts = content["stretches"][2:]
+    closes["attach"] = lifts.pop("attach")
+    closes["contacts"] = copy.deepcopy(lifts["contacts"])
+
+
 def take_the_pole(content):
     claimed(content, -1)["attach"] = {"cube": "panda_hand_tcp", "pole": "panda_hand_tcp"}
 
@@ -196,7 +202,8 @@ FORGED = [
     (touch_what_is_not_there, "'bench'"),
     (touch_to_no_depth, "depth: must be"),
     (forget_that_the_cube_is_held, "stretch 3: "),
-    (take_it_twice, "stretch 1: 'cube' and 'table' are -16.000 mm apart"),
+    (take_it_twice, "'panda_finger_joint1' is at 0.04 when cube changes hands: .* to 0.0245 by then"),
+    (take_it_before_the_fingers_close, "'panda_finger_joint1' is at 0.04 .* program has moved it to 0.0245 by then"),
     (take_the_pole, "'pole' taken by 'panda_hand_tcp': the program of the scenario has it otherwise"),
     (take_it_with_the_elbow, "'cube' is taken by 'panda_link4', which is the tip of no arm"),
     (put_down_what_is_not_held, "stretch 1: 'cube' is put down, but not held"),
@@ -304,6 +311,16 @@ def polynomial(setup, positions, velocities, times=(0.0, 1.0), accelerations=Non
 
 
 START = [0.0, -0.35, 0.0, -2.3, 0.0, 1.95, 0.785, 0.04]
+
+
+@pytest.mark.parametrize("deep", [0.0, 0.02])
+def test_what_is_held_from_the_beginning_may_be_in_its_hand_to_any_depth_which_is_said(deep):
+    robot = Robot.from_example("panda").with_attached("rod", Box((0.02, 0.02, 0.1)), pose=(0.0, 0.0, 0.07 - deep))
+    setup = SafeSetup(robot, Scene([Obstacle("ball", Box((0.1, 0.1, 0.1)), Pose((5.0, 0.0, 0.0)))]), danger=None)
+    q = np.array([0.0, -0.35, 0.0, -2.3, 0.0, 1.95, 0.785])
+    found = verify(program_certificate([(0.0, setup.check(Motion.hermite([0, 1], [q, q + 0.01], [0 * q, 0 * q])))]))
+    said = "contact of rod, which panda_hand_tcp holds from the beginning, with what does not move against it"
+    assert said in found.not_covered
 
 
 def test_stretches_are_joined_at_their_velocities(setup):

@@ -17,10 +17,12 @@ from safe_ompl.certificates.claims import ClaimedContact, ClaimedStretch
 from safe_ompl.common import CertificateError, FloatArray
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.robot import Attachment, Robot
-from safe_ompl.scene import CONTACT_DEPTH, Attach, Detach, Scene, Step
+from safe_ompl.scene import CONTACT_DEPTH, Attach, Detach, Gripper, Scene, Step
 
 # Depths whose relative difference is below this are the same: they are written as decimal numbers.
 _DEEPER = 1e-9
+# Joints of a gripper end a step this near to the values that the program says: files hold rounded numbers.
+_GRIPPED = 1e-6  # [rad or m]
 
 
 class RecordedCell:
@@ -87,8 +89,13 @@ class AllowedChanges:
         self._robot, self._passed = robot, 0
         self._changes, self._contacts = list[tuple[str, str | None]](), [dict[tuple[str, str], float]()]
         self._depths: dict[tuple[str, str], float] = {}
+        # Where the joints of grippers are at each change, as far as steps before it have moved them.
+        grips, self._grips = dict[str, float](), list[dict[str, float]]()
         for step in steps:
+            if isinstance(step, Gripper):
+                grips |= step.joints
             if isinstance(step, (Attach, Detach)):
+                self._grips.append(dict(grips))
                 self._changes.append((step.object, self._tip(step)))
                 self._contacts.append({})
             for pair in getattr(step, "touching", ()):
@@ -103,13 +110,24 @@ class AllowedChanges:
         tips = self._robot.shared.tips
         return tips[0] if arm is None else next(tip for tip in tips if tip.startswith(f"{arm}_"))
 
-    def check(self, stretch: ClaimedStretch, held: Mapping[str, Attachment]) -> None:
-        """Raise CertificateError unless the program says what changes hands before a stretch, and may touch on it."""
+    def check(self, stretch: ClaimedStretch, held: Mapping[str, Attachment], q: FloatArray) -> None:
+        """Raise CertificateError unless the program says what changes hands before a stretch, and may touch on it.
+
+        The stretch begins at `q: (n,)`: what changes hands does so where the steps of grippers before it end.
+        """
         changes = [*((name, None) for name in stretch.detach), *stretch.attach.items()]
         wanted = self._changes[self._passed : self._passed + len(changes)]
         if sorted(wanted, key=str) != sorted(changes, key=str):
             said = ", ".join(f"{name!r} {'put down' if tip is None else f'taken by {tip!r}'}" for name, tip in changes)
             raise CertificateError(f"{said}: the program of the scenario has it otherwise")
+        grips = [grip for some in self._grips[self._passed : self._passed + len(changes)] for grip in some.items()]
+        for name, value in grips:
+            here = float(q[self._robot.joint_names.index(name)])
+            if abs(here - value) > _GRIPPED:
+                words = (
+                    f"{name!r} is at {here:g} when {' and '.join(sorted(item for item, _ in changes))} changes hands"
+                )
+                raise CertificateError(f"{words}: the program has moved it to {value:g} by then")
         self._passed += len(changes)
         for contact in stretch.contacts:
             for link in contact.links:

@@ -107,7 +107,7 @@ def verify(
                 last.check_joined()
                 cell.change(stretch, last.begin[0])
                 if allowed is not None:
-                    allowed.check(stretch, cell.held)
+                    allowed.check(stretch, cell.held, last.begin[0])
                 if terms is not None:
                     terms.check(stretch)
                 counts += _proven(stretch, *cell.during(stretch.contacts), last, budget)
@@ -198,6 +198,10 @@ def _not_covered(robot: Robot, scene: Scene) -> list[str]:
             f"contact of {' and '.join(links)} with {name}"
             + ("" if depth is None else f" no deeper than {at_most(1e3 * depth)} mm")
             for links, name, depth in (*held, *touched)
+        ),
+        *(
+            f"contact of {item.name}, which {item.link} holds from the beginning, with what does not move against it"
+            for item in robot.attached
         ),
     ]
 
