@@ -677,6 +677,8 @@ cdef class Growth:
             margin.level, margin.refusals = self.clearance, self.too_near
         if self.decay is not None:
             self.decay.turns = self.turns
+        # Of OMPL's objects some that are kept beyond a call are never freed.
+        self.trees = self.start = self.goal = self.rng = self.stop = self.enough_nodes = self.take_goals = None
         return 0
 
     cdef int _prepare(self) except -1:
