@@ -12,10 +12,13 @@ import numpy as np
 
 from safe_ompl.common import InputError
 
-# Bisections of a velocity limit, and of ṡ² in the fastest law, which is found to the last bits.
 cdef enum:
+    # Bisections of a velocity limit: to the last bits.
     LIMIT_HALVINGS = 50
-    LAW_HALVINGS = 60
+    # Steps of Newton's method to ṡ² in the fastest law. It takes 2 to 4; each reaches another pair of constraints.
+    NEWTON_STEPS = 60
+# A step of Newton's method shrinks ṡ² by at least this share, so that rounding does not hold it up.
+cdef double LEAST_STEP = 1e-14
 # Limits of accelerations are tightened by this share, which is more than rounding adds.
 cdef double TIGHTER = 1e-10
 # A coefficient of ṡ² below this bounds nothing.
@@ -39,9 +42,12 @@ cdef struct Derivatives:
     Py_ssize_t n
 
 
+# An interval of ṡ² at the end of a cell, and how fast its ends grow with ṡ² at the start; empty if low > high.
 cdef struct Range:
     double low
     double high
+    double low_rate
+    double high_rate
 
 
 def stopping_speeds(
@@ -177,8 +183,9 @@ def spread(
 cdef Range _next_range(
     double x, double h, const Derivatives *boxes, Py_ssize_t k, const double *limits, double most, double least
 ) noexcept nogil:
-    """Return the interval of y = x_end of cell k that keeps |p (y−x)/2h + c {x, y}| ≤ limit; empty if low > high."""
-    cdef double low = least, high = most, half = 0.5 / h, limit, p, c, factor, rest
+    """Return the interval of y = x_end of cell k that keeps |p (y−x)/2h + c {x, y}| ≤ limit."""
+    cdef Range found = Range(least, most, 0.0, 0.0)
+    cdef double half = 0.5 / h, limit, p, c, factor, rate, rest, above, below
     cdef Py_ssize_t i, at
     cdef int side, end
     for i in range(boxes.n):
@@ -189,16 +196,20 @@ cdef Range _next_range(
             for end in range(2):
                 # At the start of the cell p·y + (c − p)·x is bounded, at its end (p + c)·y − p·x.
                 factor = p if end == 0 else p + c
-                rest = (c - p) * x if end == 0 else -p * x
-                if factor > NO_FACTOR:
-                    high = min(high, (limit - rest) / factor)
-                    low = max(low, (-limit - rest) / factor)
-                elif factor < -NO_FACTOR:
-                    high = min(high, (-limit - rest) / factor)
-                    low = max(low, (limit - rest) / factor)
-                elif fabs(rest) > limit:
-                    return Range(1.0, 0.0)
-    return Range(low, high)
+                rate = c - p if end == 0 else -p
+                rest = rate * x
+                if fabs(factor) <= NO_FACTOR:
+                    if fabs(rest) > limit:
+                        return Range(fabs(rest), limit, fabs(rate), 0.0)
+                    continue
+                above, below = (limit - rest) / factor, (-limit - rest) / factor
+                if factor < 0.0:
+                    above, below = below, above
+                if above < found.high:
+                    found.high, found.high_rate = above, -rate / factor
+                if below > found.low:
+                    found.low, found.low_rate = below, -rate / factor
+    return found
 
 
 def fastest(const double[::1] sizes, boxes, const double[::1] limits, const double[::1] most):
@@ -208,11 +219,13 @@ def fastest(const double[::1] sizes, boxes, const double[::1] limits, const doub
 
     Backward, K_j is the largest x_j ≤ most_j from which some x_(j+1) ≤ K_(j+1) is reached; all smaller ones do as well,
     for the feasible (x_j, x_(j+1)) are a convex set with the origin in it. Forward, each x_(j+1) is the largest one.
+    How long the interval of x_(j+1) is, negative where there is none, is a concave function of x_j that is made of
+    lines. So Newton's method comes down to K_j, and ends there.
     """
-    cdef Py_ssize_t N = sizes.shape[0], j, halving
+    cdef Py_ssize_t N = sizes.shape[0], j, step
     cdef Derivatives derivatives
     cdef Range next_x
-    cdef double good, bad, middle
+    cdef double lack
     _write_boxes(boxes, N, limits.shape[0], &derivatives)
     _check_rows("most", most.shape[0], N + 1)
     found, reached = np.zeros(N + 1), np.array(most)
@@ -220,18 +233,14 @@ def fastest(const double[::1] sizes, boxes, const double[::1] limits, const doub
     cdef double[::1] reach = reached
     with nogil:
         for j in range(N - 1, -1, -1):
-            next_x = _next_range(most[j], sizes[j], &derivatives, j, &limits[0], reach[j + 1], 0.0)
-            if next_x.low <= next_x.high:
-                continue
-            good, bad = 0.0, most[j]
-            for halving in range(LAW_HALVINGS):
-                middle = (good + bad) / 2
-                next_x = _next_range(middle, sizes[j], &derivatives, j, &limits[0], reach[j + 1], 0.0)
+            for step in range(NEWTON_STEPS):
+                next_x = _next_range(reach[j], sizes[j], &derivatives, j, &limits[0], reach[j + 1], 0.0)
                 if next_x.low <= next_x.high:
-                    good = middle
-                else:
-                    bad = middle
-            reach[j] = good
+                    break
+                lack = (next_x.low - next_x.high) / (next_x.low_rate - next_x.high_rate)
+                reach[j] = max(min(reach[j] - lack, reach[j] * (1 - LEAST_STEP)), 0.0)
+            else:
+                reach[j] = 0.0
         x[0] = reach[0]
         for j in range(N):
             next_x = _next_range(x[j], sizes[j], &derivatives, j, &limits[0], reach[j + 1], 0.0)

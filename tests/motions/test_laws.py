@@ -5,10 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 from safe_ompl import DangerField, DangerLimit, InputError, Motion, RateLimits, TipBounds, time_path
 from safe_ompl.collision import Separation
 from safe_ompl.motions import SmoothLimits, blended, first_unproven, rate_violations, velocity_cap
+from safe_ompl.motions.laws import fastest
 
 HOME = np.array([0.0, 0, 0, -1.5, 0, 1.5, 0])
 
@@ -265,3 +267,18 @@ def test_bad_requests(panda, ur5, shelf_path, panda_limits):
     ):
         with pytest.raises(InputError, match=message):
             ask()
+
+
+def test_the_first_rate_is_the_optimum_of_a_linear_programme(rng):
+    """In one cell, with ṡ² at both of its ends as unknowns; half of the boxes have an edge at 0."""
+    for _ in range(100):
+        slopes, bends = np.sort(rng.normal(size=(2, 2, 1, 4)) * (rng.uniform(size=(1, 1, 1, 4)) < 0.8), axis=1)
+        h, limits, most = rng.uniform(0.01, 0.3), rng.uniform(0.5, 3, 4), np.array([9.0, rng.uniform(0, 3)])
+        p, c = (part.ravel() for part in np.broadcast_arrays(slopes[:, None, 0] / (2 * h), bends[None, :, 0]))
+        rows = np.concatenate([np.stack([c - p, p], axis=1), np.stack([-p, c + p], axis=1)])
+        bounds = np.tile(limits, len(rows) // len(limits))
+        best = linprog(
+            [-1, 0], np.vstack([rows, -rows]), np.append(bounds, bounds), bounds=[(0, most[0]), (0, most[1])]
+        )
+        found = fastest(np.array([h]), (*slopes, *bends), limits, most)
+        np.testing.assert_allclose(found[0], best.x[0], rtol=1e-8)
