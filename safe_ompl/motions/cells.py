@@ -57,6 +57,12 @@ class Cells:
         return np.asarray(0.5 * (self.edges[1:] + self.edges[:-1]))
 
     @cached_property
+    def last_before_stop(self) -> IntArray:
+        """For each cell (N,) the last cell before the robot stops in any case."""
+        stops = np.append(self.stops, len(self))
+        return np.asarray(stops[np.searchsorted(stops, np.arange(len(self)), side="right")] - 1)
+
+    @cached_property
     def slopes(self) -> FloatArray:
         """Bounds (N, n) of |q′|."""
         return np.asarray(np.maximum(np.abs(self.boxes.slope_low), np.abs(self.boxes.slope_high)))

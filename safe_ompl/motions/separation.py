@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.common import BoolArray, FloatArray, IntArray
 from safe_ompl.geometry import ConvexBodies
 from safe_ompl.motions.bodies import LimbArrivals
-from safe_ompl.motions.cells import Cells
+from safe_ompl.motions.cells import BodySpeeds, Cells
 from safe_ompl.motions.contact import ContactLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.robot import Robot, plain
@@ -32,12 +32,17 @@ class SeparationBounds(NamedTuple):
     """What is left between M limbs and the robot in N cells of a curve; exact, where it matters, to what it moves.
 
     `distances` [m] and `times` [s], (N, M): no body is nearer to a limb, and none is where a limb may be until then
-    from when braking begins; `nearest` is the body that the limb comes to first.
+    from when braking begins; `nearest` is the body that the limb comes to first. If bodies did not move within a cell
+    the limb might be there later by `lost` [s]. A contact is harmless at a ṡ of `harmless: (N, M)`, whatever body
+    touches; whether clamping decides that says `clamped`.
     """
 
     distances: FloatArray
     times: FloatArray
     nearest: IntArray
+    lost: FloatArray
+    harmless: FloatArray
+    clamped: BoolArray
 
 
 class PeopleDistances:
@@ -75,16 +80,21 @@ class PeopleDistances:
         return float(self.speeds[limb] * time)
 
     def along(
-        self, motion: Motion, cells: Cells, speeds: FloatArray, soon: float, short: float = _SHORT
+        self, motion: Motion, cells: Cells, bodies: BodySpeeds, soon: float, short: float = _SHORT
     ) -> SeparationBounds:
         """Return what is left in the cells of a curve; only what may arrive first is bounded well.
 
-        Bodies are no faster than `speeds: (N, G)` [m/rad], of `BodySpeeds`. Limbs that need longer than `soon` [s] do
-        not matter, and need not be looked at; those that may come within `short` [s] are looked at one by one where
-        contact is allowed.
+        Limbs that need longer than `soon` [s] do not matter, and need not be looked at; those that may come within
+        `short` [s] are looked at one by one where contact is allowed.
         """
-        half = cells.sizes[:, None] / 2 * speeds[:, self.moving]
-        values = plain(self.robot.coupling.values(motion.at(cells.centres)))
+        speeds, Q = bodies.bounds(motion, cells)[:, self.moving], motion.at(cells.centres)
+        half = cells.sizes[:, None] / 2 * speeds
         short = short if self.people.contact else -inf
-        distances, times, nearest = self._arrivals.along(values, plain(half), soon, short)
-        return SeparationBounds(distances, times, self.moving[nearest])
+        found = self._arrivals.along(plain(self.robot.coupling.values(Q)), plain(half), soon, short)
+        distances, times, nearest = found
+        moved, zeros = np.take_along_axis(half, nearest, axis=1), np.zeros(times.shape)
+        lost = np.divide(moved, self.speeds, out=zeros.copy(), where=self.speeds > 0)
+        if self.contact is None:
+            return SeparationBounds(distances, times, self.moving[nearest], lost, zeros, zeros > 0)
+        borne, free = (s.min(axis=1) for s in self.contact.speeds(Q, cells.sizes, cells.slopes, speeds))
+        return SeparationBounds(distances, times, self.moving[nearest], lost, borne, borne < free)

@@ -1,8 +1,19 @@
-"""Stops beside people of a motion that is driven as it is, from any instant on (`docs/mathematics.md` §9).
+"""Stops beside people, from any place of a motion on (`docs/mathematics.md` §9): proven, or the speeds that allow them.
 
-The parameter σ of such a curve is its time, x = σ̇². If x would be y < 0 at the end of a cell of size h, the stop ends
-within it, after 2h√x/(x − y). Where the motion itself accelerates more than the limit x stays as it is, and the stop
-accelerates no more than the motion. A stop also ends where the motion is at rest; nothing is asked there.
+A stop stays on the motion, and the robot is gone from a cell, stands, or is so slow that a contact is harmless, before
+a limb may be there (`PeopleDistances`). Two questions are asked of the same cells, distances and limits of contact.
+
+* `stops_beside`: a motion is driven as it is; are its stops in time? Its parameter σ is its time, x = σ̇², and a stop
+  brakes in each cell as hard as the boxes of q′ and q″ allow there. If x would be y < 0 at the end of a cell of size
+  h, the stop ends within it, after 2h√x/(x − y). Where the motion itself accelerates more than the limit x stays as it
+  is, and the stop accelerates no more than the motion. A stop also ends where the motion is at rest; nothing is asked
+  there.
+* `people_caps`: how fast may a path be driven? A stop decelerates by one number per cell, b, and no harder than it
+  began, so that what allows a speed allows all smaller ones.
+
+There are two rules of braking, because splines beside a person would be proven only if they were up to 21 % slower (4 %
+in the mean of eight) if their stops braked by b. While a robot is driven beside people who move, what they may reach is
+new at every tick: `safe_ompl.live.replanning` asks for the distances of a few cells then, of stops that brake by b.
 """
 
 from __future__ import annotations
@@ -11,20 +22,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray
-from safe_ompl.motions.caps import harmless_rates, next_stops
+from safe_ompl.common import FloatArray, InputError, IntArray
+from safe_ompl.motions.caps import Standstill, StandstillError, bending_cap, braking
 from safe_ompl.motions.cells import BodySpeeds, Cells, divided_edges
-from safe_ompl.motions.laws import braking_squares, time_left
+from safe_ompl.motions.contact import CLAMPING, CONTACT, SEPARATION
+from safe_ompl.motions.laws import braking_squares, stopping_speeds, time_left
 from safe_ompl.motions.limits import RATE_TOLERANCE, RateLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.separation import PeopleDistances, SeparationBounds
-from safe_ompl.motions.time_law import TimeLaw
+from safe_ompl.motions.time_law import SmoothLimits, TimeLaw, best_window, velocity_cap
+from safe_ompl.motions.trajectory import SpeedCap
 
-_ROUNDS = 6  # of dividing cells
-_MOST = 8  # parts of a cell in one round
-_ROUGH = 0.01  # share of the time of a stop by which it might be shorter in finer cells
-_NEARLY = 0.9  # of the speed that is harmless
-_FINEST = 1e-4  # [s] No cell is divided into smaller ones.
+# Cells of a motion that is driven as it is are divided in at most so many rounds, a cell into at most so many parts in
+# each, and none into smaller ones than this.
+_ROUNDS = 6
+_MOST_PARTS = 8
+_SHORTEST = 1e-4  # [s]
+# A stop might be shorter by this share of its time in finer cells.
+_ROUGH = 0.01
+# Finer cells may show that speeds are harmless which are above this share of a harmless speed.
+_NEARLY = 0.9
+# Cells of a path whose speeds are asked for are divided into no smaller ones. Times that are left are taken to be at
+# least this long, and stops take no longer than so many times that of constant deceleration.
+_SMALLEST = 1e-3  # [rad]
+_INSTANT = 0.005  # [s]
+_SOON = 3.0
 
 
 @dataclass(frozen=True)
@@ -62,7 +84,7 @@ class Stops:
         edges = self.cells.edges
         begin = float(np.clip(time, edges[0], edges[-1]))
         j = int(np.clip(np.searchsorted(edges, begin, side="right") - 1, 0, len(self.cells) - 1))
-        end = int(next_stops(self.cells)[j])
+        end = int(self.cells.last_before_stop[j])
         squares = braking_squares(j + 1, end, self.cells.sizes, self.cells.boxes, self.accelerations)
         at = edges[j + 1 : j + 1 + len(squares)].copy()
         if squares[-1] < 0.0:
@@ -77,33 +99,116 @@ def stops_beside(
     """Return how a motion, which ends at rest, stops beside people, and what is left; see the module."""
     accelerations = limits.acceleration
     for rounds_left in reversed(range(_ROUNDS + 1)):
-        braked, ends = (cells.sizes, cells.boxes, accelerations), next_stops(cells)
+        braked = cells.sizes, cells.boxes, accelerations, cells.last_before_stop
         none = np.empty((len(cells), 0))
-        spans = time_left(*braked, ends, none, none)[-1]
-        speeds, soon = bodies.bounds(motion, cells), float(spans.max())
-        found = distances.along(motion, cells, speeds, soon, soon)
+        spans = time_left(*braked, none, none)[-1]
+        soon = float(spans.max())
+        found = distances.along(motion, cells, bodies, soon, soon)
         still = np.asarray((cells.slopes <= RATE_TOLERANCE[1]).all(axis=1))
         times = np.where(still[:, None], np.inf, found.times)
-        harmless, _ = harmless_rates(motion, cells, speeds, distances)
-        left, limb, where, entries, _ = time_left(*braked, ends, times, harmless)
-        moved, speed = speeds[where, found.nearest[where, limb]] * cells.sizes[where] / 2, distances.speeds[limb]
-        lost = np.divide(moved, speed, out=np.zeros(len(cells)), where=speed > 0)
-        loss = np.where(limb < 0, 0.0, lost + cells.sizes + 2 * cells.sizes[where]) + _ROUGH * spans
-        slow = harmless[where, limb] > _NEARLY * entries
+        left, limb, where, entries, _ = time_left(*braked, times, found.harmless)
+        loss = found.lost[where, limb] + cells.sizes + 2 * cells.sizes[where]
+        loss = np.where(limb < 0, 0.0, loss) + _ROUGH * spans
+        slow = found.harmless[where, limb] > _NEARLY * entries
         loss = np.where(slow & (left < 0), np.maximum(loss, -2 * left), loss)  # finer cells bound speeds better
-        parts = _parts(cells, left, where, loss)
+        parts = _finer(cells, left, where, loss)
         if not rounds_left or (parts == 1).all() or (left + loss < 0).any():  # finer cells would not help everywhere
             return Stops(cells, accelerations, left, limb, where, loss, found, distances)
         cells = motion.between(divided_edges(cells.edges, parts))
     raise AssertionError
 
 
-def _parts(cells: Cells, left: FloatArray, where: IntArray, loss: FloatArray) -> IntArray:
+def _finer(cells: Cells, left: FloatArray, where: IntArray, loss: FloatArray) -> IntArray:
     """Return into how many parts (N,) to divide cells so that stops might be proven that are not."""
     parts: IntArray = np.ones(len(cells), dtype=np.intp)
     for j in np.flatnonzero((left < 0) & (left + loss > 0)):
-        k, wanted = where[j], np.clip(np.ceil(loss[j] / (left[j] + loss[j])), 2, _MOST)
+        k, wanted = where[j], np.clip(np.ceil(loss[j] / (left[j] + loss[j])), 2, _MOST_PARTS)
         parts[j : k + 1] = np.maximum(parts[j : k + 1], 2)
         parts[[j, k]] = np.maximum(parts[[j, k]], wanted)
-    most = np.maximum(cells.sizes / _FINEST, 1.0).astype(np.intp)
+    most = np.maximum(cells.sizes / _SHORTEST, 1.0).astype(np.intp)
     return np.asarray(np.minimum(parts, most))
+
+
+# --------------------------------------------------------------- the largest speeds from which stops are in time
+
+
+def people_caps(
+    motion: Motion, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances, loss: float
+) -> tuple[Cells, FloatArray, float, list[SpeedCap]]:
+    """Return cells as fine as it takes, decelerations (N,) that stops take there, a window [s], and the caps.
+
+    A stop may decelerate by b_k = min_i (a_i − |q″_i|x_k)/|q′_i| in cell k, with the largest x_k = ṡ² there, and does
+    not brake harder than it began. It ends before a person comes nearer than the clearance, or the robot is then so
+    slow that a contact is harmless (`safe_ompl.motions.laws`, `.contact`). A cell that bounds the speed is
+    divided if motion within it costs more than the share `loss` of the time that is left. With a limit of the jerk all
+    this is said of a plan, than which the motion is later by the window at most (`.time_law`).
+
+    An InputError if somebody is within the clearance where the robot starts; a StandstillError if a cell allows no
+    speed.
+    """
+    people, window = distances.people, 0.0
+    for last in (False, True):
+        bending = bending_cap(cells, limits)
+        most = caps = np.minimum(velocity_cap(cells, limits), bending)
+        brakes = braking(cells, limits, caps)
+        left = distances.along(motion, cells, bodies, _SOON * float(caps.max() / brakes.min()))
+        # Of each of K groups of limbs (M,) which one comes first in each cell (N, K), and when
+        rows = [np.flatnonzero(distances.alike == group) for group in range(int(distances.alike.max()) + 1)]
+        first = np.stack([row[left.times[:, row].argmin(axis=1)] for row in rows], axis=1)
+        times = np.take_along_axis(left.times, first, axis=1)
+        harmless = np.ascontiguousarray(left.harmless[:, first[0]])
+        if limits.jerk is not None:
+            window = window or best_window(cells, limits, caps, times)
+            smooth = SmoothLimits.of(cells, limits, caps, window, stops=True)
+            most = smooth.cone(smooth.caps)
+            brakes = np.minimum(braking(smooth.cells, limits, most), smooth.brakes)
+            times = times - window
+        ends = cells.last_before_stop
+        allowed, group, where, slow = stopping_speeds(cells.sizes, brakes, times, harmless, most, ends)
+        limb = np.where(group < 0, -1, first[where, group])
+        if not last:
+            cells = motion.between(divided_edges(cells.edges, _parts(cells, left, limb, where, loss)))
+    m = int(left.distances[0].argmin())
+    if left.distances[0, m] <= people.clearance and not people.contact:
+        raise InputError(
+            f"{_named(distances.limbs[m])} is {max(0.0, left.distances[0, m]) * 1e3:.1f} mm from the robot where it "
+            f"starts: it must be more than the clearance of {people.clearance * 1e3:g} mm away"
+        )
+    for j in np.flatnonzero(allowed <= 0):
+        raise StandstillError(_standstill(motion, cells, int(where[j]), int(limb[j]), left, distances, window))
+    caused = np.where(slow, np.where(left.clamped[where, limb], CLAMPING, CONTACT), SEPARATION)
+    rules = (SEPARATION, CONTACT, CLAMPING) if people.contact else (SEPARATION,)
+    found = [SpeedCap(r, np.where((allowed < most) & (caused == r), allowed, np.inf)) for r in rules]
+    return cells, brakes, window, [SpeedCap("bends beside people", bending), *found]
+
+
+def _parts(cells: Cells, left: SeparationBounds, limb: IntArray, where: IntArray, loss: float) -> IntArray:
+    """Return into how many parts (N,) to divide cells, so that motion within them costs little of the time left."""
+    parts: IntArray = np.ones(len(cells), dtype=np.intp)
+    k, m = np.unique(np.stack([where, limb])[:, limb >= 0], axis=1)
+    lost = left.lost[k, m]
+    wanted = lost / (loss * np.maximum(left.times[k, m] + lost, _INSTANT))
+    wanted = np.ceil(np.minimum(wanted, cells.sizes[k] / _SMALLEST)).astype(np.intp)
+    np.maximum.at(parts, k, wanted)
+    return parts
+
+
+def _named(who: tuple[str, str]) -> str:
+    person, limb = who
+    return f"{person!r} ({limb})" if limb else repr(person)
+
+
+def _standstill(
+    motion: Motion, cells: Cells, k: int, m: int, left: SeparationBounds, distances: PeopleDistances, window: float
+) -> Standstill:
+    people, (person, limb) = distances.people, distances.limbs[m]
+    link = distances.links[int(left.nearest[k, m])]
+    nearer = 1e3 * distances.grown(m, people.reaction_time + window)
+    s = float(cells.centres[k])
+    way_out = f"let the {limb or 'body'} bear a contact" if people.contact else "allow contact"
+    reason = (
+        f"{_named(distances.limbs[m])} is {1e3 * max(left.distances[k, m], 0.0):.0f} mm from {link!r}, and may come "
+        f"{nearer:.0f} mm nearer before it begins to brake, where {1e3 * people.clearance:.0f} mm must be left; keep "
+        f"the path farther away, shorten the reaction time, or {way_out}"
+    )
+    return Standstill(s, motion.places(np.array([s])).q[0], reason, person, limb or None, link)

@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import InputError, instance, number
 from safe_ompl.motions.blends import blended
-from safe_ompl.motions.caps import MotionCaps, Standstill, StandstillError, bending_cap, people_caps, speed_caps
+from safe_ompl.motions.caps import MotionCaps, Standstill, StandstillError, bending_cap, speed_caps
 from safe_ompl.motions.cells import BodySpeeds
 from safe_ompl.motions.danger import danger_cap
 from safe_ompl.motions.limits import RateLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.separation import PeopleDistances
+from safe_ompl.motions.stops import people_caps
 from safe_ompl.motions.time_law import SmoothLimits, TimeLaw, best_window, fastest_law, velocity_cap
 from safe_ompl.motions.trajectory import SpeedCap, Trajectory
 from safe_ompl.robot import Robot

@@ -21,6 +21,7 @@ from safe_ompl.common import FloatArray, InputError, float_array, notebook_html,
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.motions.cells import CurvePoints, divided_edges
 from safe_ompl.motions.danger import MotionDanger, motion_danger
+from safe_ompl.motions.laws import drive
 from safe_ompl.motions.limits import RateLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.time_law import SmoothLaw, TimeLaw
@@ -191,20 +192,13 @@ class Trajectory:
             raise InputError("the trajectory was made without people: nothing says how it stops")
         begin = number("time", time, at_least=0.0, at_most=self.duration)
         cell, at, rate = self.law.planned(begin)
-        edges, squares, brake = [at], [rate * rate], np.inf
-        for k in range(cell, len(self.brakes)):
-            brake, end = min(brake, float(self.brakes[k])), float(self.law.edges[k + 1])
-            after = squares[-1] - 2 * brake * (end - edges[-1])
-            if after <= 0:
-                end, after = edges[-1] + squares[-1] / (2 * brake), 0.0
-            if end > edges[-1]:
-                edges.append(end)
-                squares.append(after)
-            if after == 0:
-                break
+        brakes = np.minimum.accumulate(self.brakes[cell:])
+        free = np.full(len(brakes) + 1, np.inf)
+        # Full braking from the beginning of a tick of no length on.
+        _, edges, squares, _ = drive(self.law.edges[cell:], free[1:], brakes, free, at, rate * rate, -1.0, 0.0)
         if len(edges) == 1:  # it stands already
-            edges, squares = [edges[0], edges[0]], [0.0, 0.0]
-        law = self.law.stopped(begin, np.array(edges), np.array(squares))
+            edges, squares = edges.repeat(2), np.zeros(2)
+        law = self.law.stopped(begin, edges, squares)
         return Trajectory(self.curve, law, self.limits)
 
     def binding(self) -> tuple[str | None, ...]:

@@ -117,7 +117,7 @@ def test_no_limb_arrives_earlier_and_the_first_is_exact(robot_named, name, rng):
         cells = curve.cells(rng.choice([0.02, 0.1, 0.3]))
         bounds = BodySpeeds(robot).bounds(curve, cells)
         soon, short = rng.uniform(0, 0.6), rng.uniform(-0.1, 0.3)
-        found = distances.along(curve, cells, bounds, soon, short)
+        found = distances.along(curve, cells, BodySpeeds(robot), soon, short)
         for k in rng.integers(0, len(cells), 12):
             s = np.append(cells.centres[k], rng.uniform(cells.edges[k], cells.edges[k + 1], 3))
             exact = np.array([limbs.at(q) for q in curve.places(s).q])
