@@ -31,7 +31,8 @@ from safe_ompl.io import RobotDocument, SceneDocument, schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-_SHORTEST, _LONGEST = 0.1, 10.0  # vectors that say a direction
+# Vectors that say a direction are no shorter and no longer than this.
+_SHORTEST, _LONGEST = 0.1, 10.0
 _UNBOUNDED = 1e300  # [m]
 _MOST_POWERS = 16  # of a polynomial
 _DIGITS = 6

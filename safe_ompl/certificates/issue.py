@@ -45,10 +45,14 @@ from safe_ompl.motions import Motion, MotionCheck, RateLimits, SmoothLaw, Trajec
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario, Scene
 
-_WIDER, _TRIALS = 1.1, 50  # bounds of the danger within a tube
-_KIND = ("aggregate", "weighting", "k1", "sharpness")  # of a danger
-_IN_MOTION = ("k2", "gamma")  # what that of a motion in time has besides
-_LEAST_SLACK = 0.03  # of the danger that is claimed, so that it can be confirmed by plain means
+# A bound of the danger within a tube is tried, and made larger by this factor, so often.
+_WIDER, _TRIALS = 1.1, 50
+# What says of which kind a danger is.
+_KIND = ("aggregate", "weighting", "k1", "sharpness")
+# What says so of the danger of a motion in time besides.
+_IN_MOTION = ("k2", "gamma")
+# Share by which the danger that is claimed is larger than what was found, so that it can be confirmed by plain means.
+_LEAST_SLACK = 0.03
 _OF_STRETCH = ("clearance", "moving_obstacles", "tool", "tube")  # of `Claims`
 _OF_CURVE = ("times", "coefficients", "timed")
 _OF_MOTION = (*_OF_CURVE, "slack", "rounding")
@@ -215,7 +219,8 @@ def _danger_claim(
     if proof is not None and np.isfinite(bound):
         tried = (bound * _WIDER**k for k in range(_TRIALS))
         kept = (b for b in tried if all(_keeps(DangerLimit(field, b), path, proof)))
-        bound = next(kept, np.inf)  # what the tube adds is not known before
+        # What the tube adds is not known before.
+        bound = next(kept, np.inf)
     if limit and limit < bound:
         bound = limit if all(_keeps(DangerLimit(field, limit), path, proof)) else bound
     if not np.isfinite(bound):

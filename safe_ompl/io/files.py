@@ -67,7 +67,8 @@ def _report(data: Mapping[str, Any]) -> PathReport:
     if danger is not None:
         danger = DangerReport(**{**danger, "profile": np.array(danger["profile"], dtype=float)})
     for key in ("min", "mean"):
-        clearance[key] = np.inf if clearance[key] is None else clearance[key]  # where there is no obstacle
+        # Where there is no obstacle a file has null.
+        clearance[key] = np.inf if clearance[key] is None else clearance[key]
     certified = bool(document.require(data, "certified"))
     return PathReport(float(data["length"]), danger, ClearanceReport(**clearance), certified)
 

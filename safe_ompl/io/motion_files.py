@@ -22,7 +22,8 @@ _RATES = ("velocities", "accelerations")
 _POINT = ("positions", *_RATES, "effort", "time_from_start")
 _COLUMN = re.compile(r"(.+)_(position|velocity|acceleration)")
 _LOGGED = re.compile(r"(.+)_(commanded|measured)")
-_SAME = 1e-6  # [rad or m] by which what is read from a file may differ from what was written
+# What is read from a file may differ from what was written by so much.
+_SAME = 1e-6  # [rad or m]
 _POINTS = ("joint_names", "times", "positions", *_RATES)
 _EXPECTED = (
     "must hold joint_names and points (trajectory_msgs/JointTrajectory), a joint_trajectory with them "
@@ -277,7 +278,8 @@ def _refuse_names(names: Sequence[str] | None) -> None:
 
 def _read_yaml(path: Path) -> Any:
     with document.within(str(path), ": "):
-        text = files.file_text(path).rstrip().removesuffix("\n---")  # as `ros2 topic echo` ends it
+        # `ros2 topic echo` ends a message with a line of its own.
+        text = files.file_text(path).rstrip().removesuffix("\n---")
         return files.parse_document(text)
 
 

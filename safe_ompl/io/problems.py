@@ -29,11 +29,13 @@ _log = logging.getLogger(__name__)
 
 SMALL = 8_000_000
 """Characters of compressed meshes that travel without being asked for."""
-_PACKAGE = "carried"  # of the meshes in the URDF that travels
+# The package of the meshes in a URDF that travels.
+_PACKAGE = "carried"
 _FILES = ("urdf", "srdf")
 # Without accelerations: certificates of timed motions claim limits themselves
 _OPTIONS = ("tip", "locked", "free", "name", "limits", "collision", "group", "base", "mobile_base")
-_MOST_CHARACTERS = 20_000_000  # of a URDF or an SRDF
+# A URDF or an SRDF has no more characters.
+_MOST_CHARACTERS = 20_000_000
 _DEEPEST = 100  # tags in tags
 _DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
 

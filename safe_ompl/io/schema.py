@@ -21,12 +21,16 @@ from safe_ompl.robot import PackageFolders, parsed, robots_folder
 
 FORMAT, VERSION = "safe-ompl certificate", 5
 _OLD_FORMAT = "safe-ompl program certificate"
-OWN_FORMAT, OWN_VERSION = "safe-ompl", 2  # of all other files
+# The form of all files but certificates and ticks.
+OWN_FORMAT, OWN_VERSION = "safe-ompl", 2
 KINDS = ("result", "path", "scene", "trajectory", "motion")
-OBSTACLE = "obstacle:"  # in front of the names of obstacles, so that none can pass for a link
+# It stands before the names of obstacles, so that none can pass for a link.
+OBSTACLE = "obstacle:"
 _FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
-_MOST_CHARACTERS = 270_000_000  # of all files that travel in one document
-_MOST_BYTES = 500_000_000  # of these, unpacked
+# All files that travel in one document have no more characters.
+_MOST_CHARACTERS = 270_000_000
+# Unpacked they have no more bytes.
+_MOST_BYTES = 500_000_000
 
 
 class NotPlainError(InputError):
@@ -151,7 +155,8 @@ def unpack(files: Mapping[str, str], folder: Path) -> None:
         room -= len(content)
         if room < 0 or not unpacking.eof:
             raise InputError(f"is cut, or all files are larger than {_MOST_BYTES} bytes", name)
-        if name.lower().endswith(".obj"):  # without the names of other files, which would be read
+        # Meshes are written without the names of other files, which would be read.
+        if name.lower().endswith(".obj"):
             content = re.sub(rb"(?im)^[ \t]*mtllib.*$", b"", re.sub(rb"\\[ \t]*\r?\n", b" ", content))
         (folder / name).write_bytes(content)
 

@@ -29,7 +29,8 @@ from safe_ompl.io import schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-GJK = 1e-5  # [m] coal's distances are at most this far off
+# The distances of coal are at most this far off.
+GJK = 1e-5  # [m]
 
 
 class Budget:
@@ -165,8 +166,10 @@ def corners(shape: coal.CollisionGeometry) -> tuple[FloatArray, float]:
     return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]), 0.0
 
 
-_ABOVE = 1e-8  # [m/s] what speeds may be above their limit
-_SMALLEST = 1e-7  # [rad] intervals that are not divided any more
+# Speeds may be above their limit by so much.
+_ABOVE = 1e-8  # [m/s]
+# Intervals that are shorter are not divided any more.
+_SMALLEST = 1e-7  # [rad]
 
 
 class _Body(NamedTuple):
@@ -176,7 +179,8 @@ class _Body(NamedTuple):
     pad: float
     carrier: int
     movers: list[int]
-    length: float  # how far the balls reach from the origin of the frame
+    # How far the balls reach from the origin of the frame [m].
+    length: float
 
 
 class PlainSpeeds:
@@ -225,7 +229,8 @@ class PlainSpeeds:
         pin.forwardKinematics(self._model, self._data, robot.pinocchio_configuration(q))
         axes, origins = joint_lines(robot, self._data)
         motions, sliding = coupling.motions(piece.at(middle, 1))[:, None] * axes, robot.joint_prismatic[:, None]
-        turns = np.where(sliding, 0.0, motions)  # what a joint carries moves with turn × x + drift
+        # What a joint carries moves with turn × x + drift.
+        turns = np.where(sliding, 0.0, motions)
         drifts = np.where(sliding, motions, np.cross(origins, motions))
         steps = coupling.reach(piece.most(1))
         slid = np.abs(coupling.values(q)) + half * steps
@@ -239,7 +244,8 @@ class PlainSpeeds:
         place = self._data.oMi[body.carrier]
         turning, drift = turns[body.movers].sum(axis=0), drifts[body.movers].sum(axis=0)
         x, y, z = turning
-        across = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # p @ across is turning × p
+        # For this matrix p @ across is turning × p.
+        across = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
         velocity = body.points @ (place.rotation.T @ across) + (place.translation @ across + drift)
         return sqrt(float((velocity * velocity).sum(axis=1).max())) + body.pad * sqrt(float(turning @ turning))
 
@@ -265,8 +271,10 @@ def bend_bound(
     return found
 
 
-_LEAST_TURN = 1e-5  # [rad or m] intervals in which the tool moves less are not divided any more
-_LEAST_STEP = 1e-7  # [rad or m] intervals in which no joint moves more, neither
+# Intervals in which the tool moves less are not divided any more.
+_LEAST_TURN = 1e-5  # [rad or m]
+# Intervals in which no joint moves more are not divided any more, either.
+_LEAST_STEP = 1e-7  # [rad or m]
 _TOOL_ROUNDING = 1e-7  # [rad or m]
 
 
@@ -304,7 +312,8 @@ class PlainTool:
         found = []
         if claim.orientation is not None:
             axis, direction = claim.orientation.axis, claim.orientation.direction
-            tool = tip.rotation @ axis / sqrt(axis @ axis)  # it turns on cones about the axes
+            # The axis of the tool turns on cones about the axes of the joints.
+            tool = tip.rotation @ axis / sqrt(axis @ axis)
             across, along = np.cross(tool, direction), float(tool @ direction)
             angle = atan2(sqrt(float(across @ across)), along)
             turned = reach @ np.where(slides, 0.0, np.linalg.norm(np.cross(axes, tool), axis=1))

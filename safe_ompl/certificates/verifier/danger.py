@@ -27,12 +27,16 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 _ROUNDING = 1e-6
-_SMALLEST = 1e-5  # [m] intervals in which no key point moves farther are not divided any more
-_LEAST_STEP = 1e-7  # [rad or m] intervals in which no joint moves more, neither
+# Intervals in which no key point moves farther are not divided any more.
+_SMALLEST = 1e-5  # [m]
+# Intervals in which no joint moves more are not divided any more, either.
+_LEAST_STEP = 1e-7  # [rad or m]
 _TINY = 1e-12  # [m]
-_SHORTEST_INTERVAL = 1e-7  # [rad] intervals that are not divided any more
+# Intervals that are shorter are not divided any more.
+_SHORTEST_INTERVAL = 1e-7  # [rad]
 _PARTS, _MOST_PARTS = 4, 256  # of a link
-_SHORT = 1e-6  # [m] links that are as good as a point
+# Links that are shorter are as good as a point.
+_SHORT = 1e-6  # [m]
 
 
 class PlainDanger:
@@ -45,7 +49,8 @@ class PlainDanger:
     def __init__(self, robot: Robot, scene: Scene, claim: ClaimedDanger, budget: Budget) -> None:
         self._robot, self._claim, self._budget = robot, claim, budget
         self._data = robot.shared.model.createData()
-        with within("danger"):  # which may ask for too many points
+        # The scene may be asked for too many points.
+        with within("danger"):
             self.points, self.weights, _ = scene.danger_points(claim.spacing)
         if not len(self.points):
             self.points, self.weights = np.full((1, 3), 1e9), np.ones(1)
@@ -134,7 +139,8 @@ class _MovingInterval(NamedTuple):
     velocities: FloatArray
     speeds: FloatArray  # (L,) V
     bends: FloatArray  # (L,) A
-    strokes: float  # how fast a link may become longer
+    # How fast a link may become longer.
+    strokes: float
 
 
 class PlainMovingDanger:
@@ -176,7 +182,8 @@ class PlainMovingDanger:
         claim, still = self._claim, self._still
         levels, pushes = self._bounds(interval, still.points[points], parts)
         limit = claim.bound * (1 + _ROUNDING)
-        with np.errstate(invalid="ignore"):  # 0·∞ where a point may be reached
+        # Where a point may be reached the product is 0·∞.
+        with np.errstate(invalid="ignore"):
             fields = [claim.k1 * levels + claim.k2 * rate * pushes for rate in rates]
         fields = [np.where(np.isnan(field), np.inf, field) for field in fields]
         if claim.aggregate == "max":
@@ -220,8 +227,9 @@ class PlainMovingDanger:
         va, vb = (interval.velocities[side][:, None] for side in self._ends)
         speeds = _norm((1 - t)[:, None] * va + t[:, None] * vb)[:, None]  # (L, 1, parts + 1)
         squared = np.maximum(length**2, _SHORT**2)
-        s = ((u * w).sum(axis=2) / squared)[..., None]  # where the line is nearest to p
-        h = np.maximum(_norm(np.cross(u, w)) / squared, _TINY)[..., None]  # and how near, in lengths
+        # Where the line of the link is nearest to p, and how near that is, in lengths of the link.
+        s = ((u * w).sum(axis=2) / squared)[..., None]
+        h = np.maximum(_norm(np.cross(u, w)) / squared, _TINY)[..., None]
         slope = np.diff(speeds, axis=2) * parts
         at_nearest = speeds[..., :-1] + slope * (s - t[:-1])
         x, y = t[:-1] - s, t[1:] - s

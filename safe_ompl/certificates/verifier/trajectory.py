@@ -81,7 +81,8 @@ def visits_of_stops(law: RecordedLaw, brakes: FloatArray) -> tuple[FloatArray, F
     for j in range(len(sizes)):
         end = int(law.ends[j])
         weakest = np.minimum.accumulate(brakes[j:end])
-        taken = np.append(0.0, np.cumsum(2 * weakest * sizes[j:end]))  # of ṡ², from the start of j on
+        # What the stop takes of ṡ² from the start of j on.
+        taken = np.append(0.0, np.cumsum(2 * weakest * sizes[j:end]))
         top = max(squares[j], squares[j + 1])
         spare = _ROUNDING * max(top, 1e-6)
         if squares[j] > taken[-1] + spare or squares[j + 1] > taken[-1] - taken[1] + spare:
@@ -89,10 +90,12 @@ def visits_of_stops(law: RecordedLaw, brakes: FloatArray) -> tuple[FloatArray, F
                 f"trajectory: a stop from {law.edges[j]:.6f} rad goes beyond where the robot must stand"
             )
         reached = int(np.searchsorted(taken[1:] - taken[1], top, side="left"))
-        last = min(max(reached, 1), end - j)  # cells that are reached: j … j + last
+        # The cells that are reached are j … j + last.
+        last = min(max(reached, 1), end - j)
         whole = _stop_duration(top, weakest[1:], sizes[j + 1 : end], brakes[j])
         ending = _durations(taken[: last + 1], sizes[j : j + last])
-        after = max(squares[j] - taken[1], squares[j + 1])  # ṡ² at the end of j, wherever the stop begins
+        # ṡ² at the end of j, wherever the stop begins in it.
+        after = max(squares[j] - taken[1], squares[j + 1])
         entered = np.append(top, after - (taken[1:last] - taken[1]))
         fastest[j : j + last] = np.maximum(fastest[j : j + last], entered)
         latest[j : j + last] = np.maximum(latest[j : j + last], np.minimum(whole, ending))

@@ -26,7 +26,8 @@ from safe_ompl.io import built_robot, built_scene, schema
 from safe_ompl.robot import Robot, robot_hash
 from safe_ompl.scene import Scene, Step
 
-TIME = 600.0  # [s] that verification may take by default
+# Verification may take so long by default.
+TIME = 600.0  # [s]
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,8 @@ class Verified:
     not_covered: tuple[str, ...]
     robot: str  # Name of the robot
     obstacles: tuple[str, ...]  # Names of the obstacles
-    own: tuple[str, ...]  # Which of "robot" and "scene" were taken from the file, and compared with nothing
+    # Which of "robot" and "scene" were taken from the file, and compared with nothing
+    own: tuple[str, ...]
 
     def __str__(self) -> str:
         """Say what holds, what is not claimed, and of what nothing is proven, in a line each."""
@@ -221,7 +223,8 @@ def _check_origin(claims: Certificate, robot: Robot, scene: Scene) -> None:
         raise CertificateError("the scene has changed since it was written")
 
 
-_SAME = 1e-9  # relative: numbers that are computed from a robot, and differ by less, agree
+# Numbers that are computed from a robot agree if their relative difference is smaller.
+_SAME = 1e-9
 _COMPUTED = ("velocity", "acceleration", "jerk")
 
 
@@ -233,7 +236,8 @@ class Terms:
     danger: Mapping[str, Any] | None = None
     # `velocity`, `acceleration` and `jerk` (n,), `tool_speed` and `link_speed`; None where there is no limit
     motion: Mapping[str, Any] | None = None
-    max_danger: float | None = None  # The limit of the danger in motion
+    # The limit of the danger in motion
+    max_danger: float | None = None
     # `who`, `speed`, `speeds`, `reaction_time` and `clearance`, as in `ClaimedStops`; empty where there are no people
     stops: Mapping[str, Any] | None = None
     # The steps of a program, which say what may change hands, and which contacts are allowed
