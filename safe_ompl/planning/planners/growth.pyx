@@ -35,7 +35,7 @@ from enum import IntEnum
 import numpy as np
 
 from safe_ompl.collision import ALLOWANCE
-from safe_ompl.common import InputError
+from safe_ompl.common import InputError, PlanningError
 from safe_ompl.robot import plain
 
 cdef extern from "numpy/random/bitgen.h":
@@ -275,11 +275,11 @@ cdef class Growth:
             The path; None if there is none yet.
         """
         cdef bint met = False
-        self.rng, self.stop, self.enough_nodes, self.take_goals = rng, stop, enough_nodes, take_goals
-        self.random = <bitgen_t *> PyCapsule_GetPointer(rng.bit_generator.capsule, "BitGenerator")
         self._begin(trees, reach)
-        self.ignored, self.steps, self.enough = ignored, 0, enough_nodes()
         try:
+            self.rng, self.stop, self.enough_nodes, self.take_goals = rng, stop, enough_nodes, take_goals
+            self.random = <bitgen_t *> PyCapsule_GetPointer(rng.bit_generator.capsule, "BitGenerator")
+            self.ignored, self.steps, self.enough = ignored, 0, enough_nodes()
             with nogil:
                 met = self._safe_rrt_connect(iterations)
         except TimeIsUpError:
@@ -293,11 +293,11 @@ cdef class Growth:
         """EXTEND: add a node at most `reach` [rad] from node `old` towards `target: (n,)`; return outcome and node."""
         cdef const double[::1] place = plain(target)
         cdef int outcome
-        if not 0 <= old < tree.data.count or place.shape[0] != self.space.n:
-            raise InputError(f"there is no node {old}, or the target has {place.shape[0]} joints")
+        if not 0 <= old < tree.data.count or place.shape[0] != self.space.n or tree not in (trees.start, trees.goal):
+            raise InputError(f"there is no node {old} in these trees, or the target has {place.shape[0]} joints")
         self._begin(trees, reach)
-        self.steps = 1
         try:
+            self.steps = 1
             with nogil:
                 outcome = self._extend(&tree.data, old, &place[0])
         finally:
@@ -654,9 +654,19 @@ cdef class Growth:
         return np.array(<double[:self.space.n]> <double *> q)
 
     cdef int _begin(self, trees, double reach) except -1:
-        """Take what the parts know."""
+        """Take what the parts know; only one can grow trees at a time."""
+        if self.trees is not None:
+            raise PlanningError("a planner that is planning was asked to plan: make one for each thread")
+        self.trees = trees
+        try:
+            return self._take_parts(trees, reach)
+        except BaseException:
+            self.trees = None
+            raise
+
+    cdef int _take_parts(self, trees, double reach) except -1:
         danger, margin, decay = self.danger, self.margin, self.decay
-        self.trees, self.start, self.goal, self.reach = trees, trees.start, trees.goal, reach
+        self.start, self.goal, self.reach = trees.start, trees.goal, reach
         if self.start.data.n != self.space.n or self.goal.data.n != self.space.n:
             raise InputError(f"trees must be of {self.space.n} joints")
         self.alpha, self.scale = danger.whole_weight, danger.scale

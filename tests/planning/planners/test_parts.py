@@ -1,12 +1,13 @@
 """Parts that planners share: growth by turns, and what it asks; danger's weight, decay and threshold; the margin."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from safe_ompl import Box, CertifiedMotionValidator, DangerObjective, Obstacle, Pose, Robot, SafeSetup, Scenario, Scene
-from safe_ompl.common import Counts
+from safe_ompl.common import Counts, InputError, PlanningError
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import StateCost
 from safe_ompl.planning.planners.elastic_band import TangentialDescent
@@ -99,6 +100,23 @@ def test_paths_are_those_of_an_objective_of_ones_own(asked):
     assert {"values", "value_and_gradient"} <= {*asked}
     assert np.array_equal(before[0], of_ones_own[0])
     assert before[1] == of_ones_own[1] > 0
+
+
+def test_trees_that_grow_are_not_asked_to_grow(plane, danger):
+    growth = Growth(plane, danger, TangentialDescent(plane.bridge, danger), Margin(plane, danger))
+    trees, rng = Trees(plane.bridge, plane.cost, Counts()), np.random.default_rng(0)
+    trees.add_start(np.array([-0.8, 0.0]))
+    trees.add_goal(np.array([0.5, 0.0]))
+
+    def connect(stop):
+        return growth.connect(trees, rng, 0.3, 0.0, 0, stop, lambda: sys.maxsize, list)
+
+    with pytest.raises(PlanningError, match="make one for each thread"):
+        connect(lambda: connect(lambda: False))
+    others = Trees(plane.bridge, plane.cost, Counts())
+    with pytest.raises(InputError, match="there is no node 0 in these trees"):
+        growth.extend(others, trees.start, 0, np.zeros(2), 0.3)
+    np.testing.assert_array_equal(connect(lambda: False)[[0, -1]], [[-0.8, 0.0], [0.5, 0.0]])
 
 
 def test_motions_are_free_that_the_motion_validator_calls_free(ur5):
