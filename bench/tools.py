@@ -41,10 +41,8 @@ from safe_ompl import (
     inverse_kinematics,
 )
 from safe_ompl.common import FloatArray
-from safe_ompl.robot import EXAMPLES, robots_folder
+from safe_ompl.robot import EXAMPLES, Frames, Tip, robots_folder
 from safe_ompl.tasks import Corridor, ToolMotion, ToolPath, ToolPlanner
-from safe_ompl.tasks.tip import Tip
-from safe_ompl.tasks.tool_path import Frames
 
 CLAIM = "the tool follows lines and seams within a proven corridor, in less danger than differential IK"
 ROBOTS = ("panda", "ur5", "xarm7", "kinova")

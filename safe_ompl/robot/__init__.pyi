@@ -3,9 +3,12 @@ from .displacement_bounds import ReachCylinder as ReachCylinder
 from .forward_kinematics import START_TOLERANCE as START_TOLERANCE, JointLimits as JointLimits, plain as plain
 from .ik import (
     METRES_PER_RADIAN as METRES_PER_RADIAN,
+    Frames as Frames,
     Place as Place,
     StepLimits as StepLimits,
+    Tip as Tip,
     approach as approach,
+    configurations_at as configurations_at,
     inverse_kinematics as inverse_kinematics,
     limited_step as limited_step,
     motion_limits as motion_limits,

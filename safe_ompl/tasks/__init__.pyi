@@ -1,7 +1,6 @@
 from .corridor import Corridor as Corridor, CorridorProof as CorridorProof, prove_corridor as prove_corridor
 from .program_result import ProgramResult as ProgramResult, Stretch as Stretch
 from .programs import PROGRAM_TIME as PROGRAM_TIME, plan_program as plan_program, program_robot as program_robot
-from .tip import configurations_at as configurations_at
 from .tool_motions import (
     ToolMotion as ToolMotion,
     ToolPlanner as ToolPlanner,

@@ -9,8 +9,7 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray, Section, documents, key, number, polynomials
 from safe_ompl.motions import Motion
-from safe_ompl.robot import Robot
-from safe_ompl.tasks.tip import Tip
+from safe_ompl.robot import Robot, Tip
 from safe_ompl.tasks.tool_path import ToolPath
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}

@@ -16,9 +16,7 @@ import numpy as np
 from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import BoolArray, FloatArray, IntArray
 from safe_ompl.danger import DangerField
-from safe_ompl.robot import METRES_PER_RADIAN
-from safe_ompl.tasks.tip import Tip
-from safe_ompl.tasks.tool_path import Frames
+from safe_ompl.robot import METRES_PER_RADIAN, Frames, Tip
 
 PRECISION = 1e-7  # [m] of the nodes; a radian counts METRES_PER_RADIAN
 _SEARCH, _FOLLOW = 30, 6  # iterations of Newton's method from anywhere, and from the rung before

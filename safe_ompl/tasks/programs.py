@@ -34,11 +34,10 @@ from safe_ompl.common import (
 )
 from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.motions import Motion, PathTimer, Trajectory
-from safe_ompl.robot import Robot
+from safe_ompl.robot import Robot, configurations_at
 from safe_ompl.scene import Attach, Detach, Goal, Gripper, Line, Move, Scenario, Seam, Step, Wait, configuration_for
 from safe_ompl.tasks.corridor import Corridor
 from safe_ompl.tasks.program_result import ProgramResult, Stretch
-from safe_ompl.tasks.tip import configurations_at
 from safe_ompl.tasks.tool_motions import plan_tool
 from safe_ompl.tasks.tool_path import ToolPath
 from safe_ompl.tasks.workcell import CellState, Driven, ImpossibleError, Workcell, named

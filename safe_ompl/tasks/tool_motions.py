@@ -23,12 +23,11 @@ from safe_ompl.common import (
 )
 from safe_ompl.danger import DangerField
 from safe_ompl.motions import Motion, MotionCheck, RateLimits, check_with, rate_violations
-from safe_ompl.robot import Robot
+from safe_ompl.robot import Frames, Robot, Tip
 from safe_ompl.scene import Scene
 from safe_ompl.tasks.corridor import Corridor, CorridorProof, prove_corridor
 from safe_ompl.tasks.ladder import PRECISION, Costs, Ladder
-from safe_ompl.tasks.tip import Tip
-from safe_ompl.tasks.tool_path import Frames, ToolPath
+from safe_ompl.tasks.tool_path import ToolPath
 
 if TYPE_CHECKING:
     from safe_ompl.planning import SafeSetup

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -13,20 +13,11 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, finite_array, number, polynomials, shown
 from safe_ompl.geometry import Pose, turn_between
-from safe_ompl.robot import METRES_PER_RADIAN
+from safe_ompl.robot import METRES_PER_RADIAN, Frames
 
 _SHORTEST = 1e-6  # [m] of a segment; a turn counts METRES_PER_RADIAN
 _SHARP = 1e-6  # jump of the direction of the tip, a unit vector, that makes a corner
 _COLLINEAR = 1e-6  # sine of the angle below which three points are on a line
-
-
-class Frames(NamedTuple):
-    """Poses of a tool along a curve, and how they change by its parameter s [m]."""
-
-    positions: FloatArray  # (S, 3) [m]
-    rotations: FloatArray  # (S, 3, 3)
-    velocities: FloatArray  # (S, 3) dc/ds
-    spins: FloatArray  # (S, 3) angular velocity by s, in world axes [rad/m]
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,8 @@ import pytest
 
 import safe_ompl
 from safe_ompl import Box, InputError, Motion, Obstacle, Pose, Robot, Scenario, Scene, inverse_kinematics
+from safe_ompl.robot import Frames, Tip
 from safe_ompl.tasks import Corridor, ToolPath, plan_tool, prove_corridor, tool_motion
-from safe_ompl.tasks.tip import Tip
-from safe_ompl.tasks.tool_path import Frames
 
 DOWN = pin.utils.rotate("x", np.pi)
 

@@ -15,9 +15,9 @@ from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, files
 from safe_ompl.drawing import RobotBody
 from safe_ompl.geometry import Pose
-from safe_ompl.robot import Robot, RobotSpec, finger_joints, has_range
+from safe_ompl.robot import Robot, RobotSpec, configurations_at, finger_joints, has_range
 from safe_ompl.scene import Scenario, Scene
-from safe_ompl.tasks import ProgramResult, configurations_at, plan_program
+from safe_ompl.tasks import ProgramResult, plan_program
 
 _MOST = 4  # joints of a gripper that move on their own
 _PAD = 0.02  # [m], of the end of a finger
