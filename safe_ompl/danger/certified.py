@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision import MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, IntArray, motion_ends, number, told_apart
 from safe_ompl.danger.field import DangerField
-from safe_ompl.danger.kernels.field import Ends, chords
 from safe_ompl.danger.link_field import segment_bounds
+from safe_ompl.danger.static import chords
 from safe_ompl.robot import Robot
 
 _BATCH = 16  # intervals halved at once: many share the cost of a call, few are halved for nothing
@@ -43,7 +43,7 @@ class CertifiedDanger:
     """Proves how dangerous straight joint motions are, by a field: until upper ≤ 1.05·lower.
 
     Samples give a lower bound of the peak. Between two of them speed and acceleration of the key points are known at
-    the ends, and `KeypointRates` bounds how far they can grow; from that `danger.kernels.field.chords` bounds the
+    the ends, and `KeypointRates` bounds how far they can grow; from that `danger.static.chords` bounds the
     field of every link at every danger point from above. Aggregates are monotone and convex in the fields, so that they
     inherit the bounds. The interval with the highest bound is halved until both agree within the tolerance, or the
     robot moves less than 0.1 mm in it.
@@ -165,7 +165,7 @@ class Sample:
     edge: int
     t: float
     danger: float
-    ends: Ends  # (L, M) each
+    fields: FloatArray  # of links, and distances [m] from them, (2, L, M)
     lengths: FloatArray  # (L,)
     speed: FloatArray  # (K,)
     acceleration: FloatArray  # (K,)
@@ -280,21 +280,22 @@ class PeakSearch:
         )
         return points, _norm(velocities), _norm(accelerations)
 
-    def _evaluated(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return dangers (B,), fields and distances (B, L, M), and lengths (B, L) for key points (B, K, 3)."""
+    def _evaluated(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return dangers (B,), fields and distances (B, 2, L, M), and lengths (B, L) for key points (B, K, 3)."""
         fields, distances = self._field.link_fields(points)
         pairs, factors = self._field.links, self._field.factors
         if factors is None:  # what each link's unit field is multiplied by
             lengths: FloatArray = np.linalg.norm(points[:, pairs[:, 1]] - points[:, pairs[:, 0]], axis=2)
         else:
             lengths = np.broadcast_to(factors, (len(points), len(pairs)))
-        return self._field.aggregated((lengths[..., None] * fields).sum(axis=1)), fields, distances, lengths
+        dangers = self._field.aggregated((lengths[..., None] * fields).sum(axis=1))
+        return dangers, np.stack([fields, distances], axis=1), lengths
 
     def _samples(self, places: list[tuple[int, float]], *found: FloatArray) -> list[Sample]:
         """Return samples; `found` are speeds, accelerations, and what `_evaluated` returns."""
         return [
-            Sample(edge, t, float(danger), Ends(u, d), length, v, a)
-            for (edge, t), v, a, danger, u, d, length in zip(places, *found, strict=True)
+            Sample(edge, t, float(danger), fields, length, v, a)
+            for (edge, t), v, a, danger, fields, length in zip(places, *found, strict=True)
         ]
 
     def _push(self, pairs: Sequence[tuple[Sample, Sample]]) -> None:
@@ -315,7 +316,7 @@ class PeakSearch:
         links = self._field.robot.segments
         bounds = speed.take(links, axis=1).max(axis=2), acceleration.take(links, axis=1).max(axis=2)
         motions = zip(pairs, h.tolist(), *bounds, self._longest(pairs, edges, h), strict=True)
-        lines = (chords(first.ends, last.ends, *motion) for (first, last), *motion in motions)
+        lines = (chords(first.fields, last.fields, *motion) for (first, last), *motion in motions)
         # Aggregates are convex and grow with each level: above two ends of a line they are above all of it.
         uppers = [float(self._field.aggregated(ends).max()) for ends in lines]
         return uppers, (speed.max(axis=1) * h).tolist()

@@ -26,7 +26,7 @@ from safe_ompl.common import (
     key,
     number,
 )
-from safe_ompl.danger import link_field
+from safe_ompl.danger import link_field, static
 from safe_ompl.danger.kernels import danger as kernel
 from safe_ompl.danger.link_field import DangerPoints
 from safe_ompl.robot import Robot, plain
@@ -117,10 +117,9 @@ class DangerField:
         self.counts = Counts() if counts is None else counts
         self.revision = 0
         self.links: IntArray = np.array(robot.segments, dtype=np.intp, order="C")
-        tree = robot.kinematics
-        self.tables = kernel.Tables(tree.joints, *tree.skeleton, self.weighting == "length")
-        self._measure = kernel.Aggregate(AGGREGATES.index(self.aggregate), self.sharpness)
-        self._no_gradients = np.empty((0, len(tree.joints)))
+        tree, self._measure = robot.kinematics, (AGGREGATES.index(self.aggregate), self.sharpness)
+        by_length = self.weighting == "length"
+        self._skeleton = static.SkeletonTable(tree.link_end_table, tree.skeleton[1], by_length)
         self._scene: tuple[Scene, float | None] | None = None
         self._minimum: float | None = None
         self._take(DangerPoints(points, weights, self.k1))
@@ -207,14 +206,22 @@ class DangerField:
         lengths: FloatArray = np.linalg.norm(end - start, axis=-1)
         return lengths
 
-    def for_kernels(self, chosen: BoolArray | None = None) -> kernel.PointDanger:
-        """Return what `safe_ompl.danger.kernels.dangers` needs for the danger at present; without points it is zero.
+    def point_danger(self, chosen: BoolArray | None = None) -> static.PointDanger:
+        """Return the danger at present for compiled code; without points it is zero.
 
         That is of all danger points, or of those that are chosen (M,). The joints of its values and gradients are those
         of Pinocchio's model. Whoever calls it counts the evaluations.
         """
-        points = self._points.prepared if chosen is None else self._points.some(chosen)
-        return kernel.PointDanger(self.tables, points, self._measure)
+        table = self._points.table
+        return static.PointDanger(self._skeleton, table if chosen is None else table.some(chosen), *self._measure)
+
+    def for_kernels(self, chosen: BoolArray | None = None) -> kernel.PointDanger:
+        """Return the same for kernels in Numba."""
+        points, tree = self.point_danger(chosen).points, self.robot.kinematics
+        tables = kernel.Tables(tree.joints, *tree.skeleton, self.weighting == "length")
+        reach = float(np.abs(points.single).max(initial=0.0))
+        prepared = kernel.Points(points.columns, points.charges, points.single, reach)
+        return kernel.PointDanger(tables, prepared, kernel.Aggregate(*self._measure))
 
     def count(self, configurations: int, points: int) -> None:
         """Count an evaluation of so many points at every one of so many configurations."""
@@ -226,11 +233,13 @@ class DangerField:
 
         Raises InputError if `q` has the wrong shape or is not finite.
         """
-        return float(self._dangers(self._single(q), self._no_gradients)[0])
+        return float(self.values(self._single(q))[0])
 
     def values(self, Q: ArrayLike) -> FloatArray:
         """Return the danger (B,) at a batch of configurations `Q: (B, n)`; see `value`."""
-        return self._dangers(configurations(Q, self.robot.n), self._no_gradients)
+        danger, values = self._asked(configurations(Q, self.robot.n))
+        dangers: FloatArray = danger.values(values)
+        return dangers
 
     def mean(self, start: ArrayLike, end: ArrayLike, tolerance: float = 0.01) -> float:
         """Return the mean danger ∫ CDF dt on the straight way q(t) between two configurations (n,), 0 ≤ t ≤ 1.
@@ -239,15 +248,14 @@ class DangerField:
         within the relative `tolerance` > 0 of the mean from it. Errors as `value`.
         """
         number("tolerance", tolerance, above=0.0)
-        ends, points = np.concatenate([self._single(start), self._single(end)]), self._points
-        if not len(points):
+        ends, danger = np.concatenate([self._single(start), self._single(end)]), self.point_danger()
+        if not len(danger.points):
             return 0.0
         delta = ends[1] - ends[0]
         panels = 1 + int(math.sqrt(delta.dot(delta)))
-        values = plain(self.robot.coupling.values(ends))
         mean: float
-        mean, evaluations = kernel.mean_danger(self.tables, values, points.prepared, self._measure, panels, tolerance)
-        self.count(evaluations, len(points))
+        mean, evaluations = danger.mean(plain(self.robot.coupling.values(ends)), panels, tolerance)
+        self.count(evaluations, len(danger.points))
         return mean
 
     def gradient(self, q: ArrayLike) -> FloatArray:
@@ -261,9 +269,8 @@ class DangerField:
 
     def values_and_gradients(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)` at the cost of the gradients."""
-        Q = configurations(Q, self.robot.n)
-        gradients = np.zeros((len(Q), self._no_gradients.shape[1]))
-        dangers = self._dangers(Q, gradients)
+        danger, values = self._asked(configurations(Q, self.robot.n))
+        dangers, gradients = danger.values_and_gradients(values)
         return dangers, self.robot.coupling.columns(gradients)
 
     @property
@@ -300,16 +307,17 @@ class DangerField:
         if not fields.shape[1]:
             return np.zeros(len(fields))
         levels = fields if self.weights is None else fields * self.weights
-        return kernel.aggregates(plain(levels), *self._measure)
+        dangers: FloatArray = static.aggregates(plain(levels), *self._measure)
+        return dangers
 
     def shares(self, fields: FloatArray) -> FloatArray:
         """Return the derivatives (B, M) of `aggregated` by the fields (B, M)."""
         levels = fields if self.weights is None else fields * self.weights
-        shares: FloatArray = kernel.all_shares(plain(levels), *self._measure)
+        shares: FloatArray = static.shares(plain(levels), *self._measure)
         return shares if self.weights is None else shares * self.weights
 
     @property
-    def groups(self) -> kernel.Groups:
+    def groups(self) -> link_field.Groups:
         """The danger points, one at least, in groups of neighbours."""
         return self._points.groups
 
@@ -319,13 +327,12 @@ class DangerField:
         These are the points whose w_m CDF(p_m) reaches the given share of the maximum at one of them, at least. Where
         the danger is a mean, all of them matter.
         """
-        Q, points = configurations(Q, self.robot.n), self._points
-        if not len(points) or self.aggregate != "max":
-            return np.ones(len(points), dtype=bool)
-        self.count(len(Q), len(points))
-        high, values = np.zeros(len(points)), plain(self.robot.coupling.values(Q))
-        kernel.highest(self.tables, values, points.prepared, self._no_gradients, share, 0.0, high)
-        return high > 0.0
+        Q = configurations(Q, self.robot.n)
+        if self.aggregate != "max":
+            return np.ones(len(self.points), dtype=bool)
+        danger, values = self._asked(Q)
+        high: BoolArray = danger.high(values, share) > 0.0
+        return high
 
     def with_points(self, points: FloatArray, weights: FloatArray | None) -> DangerField:
         """Return the field at other danger points (M, 3) with weights (M,)."""
@@ -361,11 +368,8 @@ class DangerField:
     def _single(self, q: ArrayLike) -> FloatArray:
         return configuration(q, self.robot.n)[None]
 
-    def _dangers(self, Q: FloatArray, gradients: FloatArray) -> FloatArray:
-        """Return the danger (B,), and write its gradients by the joints of Pinocchio's model, (B or 0, m)."""
-        points = self._points
-        self.count(len(Q), len(points))
-        if not len(points):
-            return np.zeros(len(Q))
-        values = plain(self.robot.coupling.values(Q))
-        return kernel.dangers(self.tables, values, points.prepared, self._measure, gradients)
+    def _asked(self, Q: FloatArray) -> tuple[static.PointDanger, FloatArray]:
+        """Count an evaluation at `Q: (B, n)`; return the danger at present, and the values (B, m) of its joints."""
+        danger = self.point_danger()
+        self.count(len(Q), len(danger.points))
+        return danger, plain(self.robot.coupling.values(Q))

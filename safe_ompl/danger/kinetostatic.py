@@ -5,7 +5,7 @@ A moving point source r at the distance ρ from p, with the velocity v, has the 
     k₁/‖ρ‖ + k₂ (γ ‖v‖/‖ρ‖² + ρ·v/‖ρ‖³),    ρ = p − r:
 
 its static field, more of it the faster it is (γ), and more of it where it is headed. Over a link, whose points move
-with v(t) = v_a + t(v_b − v_a), the integrals are closed (`safe_ompl.danger.kernels.kinetostatic`). The last one is the
+with v(t) = v_a + t(v_b − v_a), the integrals are closed (`danger/moving.pyx`). The last one is the
 rate of the static field, so that γ = 0 is the danger predicted k₂/k₁ seconds ahead; γ ≥ 1 keeps the whole no less than
 the static field. They are exact to 1e-8 for points that are no farther than some twenty lengths from a link.
 """
@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, configuration, configurations, finite_array
+from safe_ompl.danger import moving
 from safe_ompl.danger.field import DangerField
-from safe_ompl.danger.kernels import kinetostatic as kernel, kinetostatic_peak as peak_kernel
+from safe_ompl.danger.static import SkeletonTable
 from safe_ompl.robot import plain
-from safe_ompl.robot.kernels import pull_back_motion
 
 
 class KinetostaticField:
@@ -40,6 +40,7 @@ class KinetostaticField:
     def __init__(self, field: DangerField) -> None:
         self.field, self.k2, self.gamma = field, field.k2, field.gamma
         self._by_length = field.weighting == "length"
+        self._skeleton = SkeletonTable(field.robot.kinematics.keypoint_table, field.links, self._by_length)
 
     def __repr__(self) -> str:
         return f"KinetostaticField({self.field!r}, k2={self.k2:g}, gamma={self.gamma:g})"
@@ -91,25 +92,29 @@ class KinetostaticField:
             chosen, rates, dangers = points[None], field.k1 * field.shares(fields), field.aggregated(fields)
         factors = self.lead, self.lead * self.gamma
         places, velocities = map(plain, motions)
-        pulls = kernel.pulls(places, velocities, field.links, plain(chosen), plain(rates), *factors, self._by_length)
-        tree, coupling = field.robot.kinematics, field.robot.coupling
+        pulls = moving.gradients(
+            places, velocities, field.links, plain(chosen), plain(rates), *factors, self._by_length
+        )
+        coupling = field.robot.coupling
         joints = plain(coupling.values(Q)), plain(coupling.motions(Qd))
-        by_q, by_qd = pull_back_motion(tree.joints, tree.keypoints, *joints, pulls)
+        by_q, by_qd = self._skeleton.keys.motion_gradients(*joints, pulls)
         return dangers, coupling.columns(by_q), coupling.columns(by_qd)
 
     def _highest(self, field: DangerField, Q: FloatArray, Qd: FloatArray) -> tuple[Any, ...]:
         """Return the largest danger (B,) of all points, of which one, and places and velocities (B, K, 3)."""
-        coupling, tree = field.robot.coupling, field.robot.kinematics
+        coupling = field.robot.coupling
         field.count(len(Q), len(field.points))
         joints = plain(coupling.values(Q)), plain(coupling.motions(Qd))
-        tables = field.tables._replace(keys=tree.keypoints, links=field.links)
-        return peak_kernel.highest(tables, *joints, field.groups, self.lead, self.lead * self.gamma)
+        found: tuple[Any, ...] = moving.highest(
+            self._skeleton, *joints, field.groups, self.lead, self.lead * self.gamma
+        )
+        return found
 
     def _fields(self, field: DangerField, places: FloatArray, velocities: FloatArray) -> FloatArray:
         """Return KDF(p_m), (B, M)."""
         field.count(len(places), len(field.points))
         state, isotropic = (plain(places), plain(velocities), field.links, plain(field.points)), self.gamma > 0
-        static, ahead, around = kernel.link_terms(*state, self._by_length, isotropic)
+        static, ahead, around = moving.link_terms(*state, self._by_length, isotropic)
         with np.errstate(invalid="ignore"):  # on a segment: ∞, whatever the motion
             levels: FloatArray = field.k1 * static + self.k2 * (ahead + self.gamma * around)
             return levels

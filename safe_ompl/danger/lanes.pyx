@@ -754,7 +754,8 @@ cdef int _highest(
             if number == 0 and not counting and high != NULL:
                 counting, at = True, Cursor(0, 0)
                 for lane in range(count):
-                    peaks.least[lane] = max(share * peaks.peak[lane], least)
+                    # A share of zero of an infinite level, as on a link, would be no number.
+                    peaks.least[lane] = max(share * peaks.peak[lane], least) if share > 0.0 else least
                     if peaks.peak[lane] >= peaks.least[lane]:
                         high[peaks.best[lane]] = max(high[peaks.best[lane]], peaks.peak[lane])
                 number = _candidates(M, count, &at, high, &peaks, rays)

@@ -13,22 +13,21 @@ of which one form never does. With unit vectors e₁ = u/‖u‖, e₂ = v/‖v�
     ∂φ/∂p = −k₁c (e₁ + e₂),  ∂φ/∂a = k₁ (c e₁ − κ (b − a)),  ∂φ/∂b = k₁ (c e₂ + κ (b − a)),
     c = 2/(S² − ℓ²),   κ = (cS − θ/ℓ)/ℓ².
 
-The loops are in `kernels/field.py` and, together with a robot's kinematics, in `kernels/danger.py` and `lanes.py`. Here
-k₁ = 1, key points are (B, K, 3) [m], `links: (L, 2)` are pairs of them, and points (M, 3) [m].
+The loops are in `static.pyx` and, for several points or configurations at once, in `lanes.pyx`. Here k₁ = 1, key points
+are (B, K, 3) [m], `links: (L, 2)` are pairs of them, and points (M, 3) [m].
 """
 
 from __future__ import annotations
 
 from collections.abc import Sized
 from functools import cached_property
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, finite_array
-from safe_ompl.danger.kernels import field as kernel
-from safe_ompl.danger.kernels.danger import Groups, Points
+from safe_ompl.common import FloatArray, InputError, IntArray, finite_array
+from safe_ompl.danger import static
 from safe_ompl.robot import plain
 
 Weighting: TypeAlias = Literal["unit", "length"]
@@ -43,19 +42,19 @@ def columns(points: FloatArray) -> FloatArray:
 
 def field(keypoints: FloatArray, links: IntArray, points: FloatArray, weighting: Weighting = "unit") -> FloatArray:
     """Return the field of the robot at points, CDF(p) = Σ_l φ_l(p), eq. (5), (B, M); +inf on a segment."""
-    return kernel.link_fields(plain(keypoints), links, columns(points), weighting == "length", True)[:, 0]
+    return static.link_fields(plain(keypoints), links, columns(points), weighting == "length", True)[:, 0]
 
 
 def segment_fields(
     keypoints: FloatArray, links: IntArray, points: FloatArray, weighting: Weighting = "unit"
 ) -> FloatArray:
     """Return the field of every segment on its own, φ_l(p), (B, L, M), eq. (7)."""
-    return kernel.link_fields(plain(keypoints), links, columns(points), weighting == "length", False)
+    return static.link_fields(plain(keypoints), links, columns(points), weighting == "length", False)
 
 
 def segment_distances(keypoints: FloatArray, links: IntArray, points: FloatArray) -> FloatArray:
     """Return the distance of every point to every segment, (B, L, M) [m]."""
-    return kernel.link_distances(plain(keypoints), links, columns(points))
+    return static.link_distances(plain(keypoints), links, columns(points))
 
 
 def segment_bounds(fields: FloatArray, distances: FloatArray, displacement: FloatArray | float) -> FloatArray:
@@ -78,12 +77,25 @@ def vectors(keypoints: FloatArray, links: IntArray, points: FloatArray, weightin
     They point from p **towards** the robot: mapped through Jᵀ they push its links **away** from p. Zero where the
     gradient is zero.
     """
-    slopes = kernel.space_gradients(plain(keypoints), links, columns(points), weighting == "length")
+    slopes = static.space_gradients(plain(keypoints), links, columns(points), weighting == "length")
     norm = np.linalg.norm(slopes, axis=-1)
     values = field(keypoints, links, points, weighting)
     scale = np.divide(values, norm, out=np.zeros_like(norm), where=norm > 0)
     found: FloatArray = slopes * scale[..., None]
     return found
+
+
+class Groups(NamedTuple):
+    """M ≥ 1 danger points in G groups: columns (3, M + G), the points and a centre of each group; charges k₁w (M,).
+
+    Where the groups begin, and the last one ends, (G + 1,); radii (G,) [m] about the centres; largest charges (G,).
+    """
+
+    columns: FloatArray
+    charges: FloatArray
+    begins: IntArray
+    radii: FloatArray
+    heaviest: FloatArray
 
 
 class DangerPoints:
@@ -104,22 +116,15 @@ class DangerPoints:
                 raise InputError(f"danger weights must be positive, got {bad}; leave out the others")
             self.weights.setflags(write=False)
         charges = k1 * (np.ones(len(self.points)) if self.weights is None else self.weights)
-        table = columns(self.points)
-        short = table.astype(np.float32)
-        self.prepared = Points(table, charges, short, float(np.abs(short).max(initial=0.0)))
+        self.table = static.DangerPointTable(columns(self.points), charges)
 
     def __len__(self) -> int:
         return len(self.points)
 
-    def some(self, chosen: BoolArray) -> Points:
-        """Return what kernels need of those that are chosen (M,)."""
-        (places, charges, short, reach), rows = self.prepared, np.flatnonzero(chosen)
-        return Points(places.take(rows, axis=1), charges[rows], short.take(rows, axis=1), reach)
-
     @cached_property
     def groups(self) -> Groups:
         """The points in groups of neighbours of the same weight; there is one at least."""
-        points, charges = self.points, self.prepared.charges
+        points, charges = self.points, self.table.charges
         waiting, groups = [np.flatnonzero(charges == charge) for charge in np.unique(charges)], []
         while waiting:
             rows = waiting.pop()

@@ -32,7 +32,7 @@ from libc.math cimport INFINITY, atan2, copysign, fabs, hypot, log, log1p, sqrt
 from libc.stdlib cimport free, malloc
 
 from safe_ompl.danger.skeleton cimport SERIES, ZERO, Skeleton, half_gap
-from safe_ompl.danger.static cimport SkeletonTable, lanes
+from safe_ompl.danger.static cimport SkeletonTable, lanes, skeleton_of
 from safe_ompl.robot.kinematics cimport key_point_velocities, move_joints, place_joints, place_key_points
 
 import numpy as np
@@ -264,64 +264,64 @@ cdef Terms _link_sums(
     return sums
 
 
-cdef int _check(SkeletonTable skeleton, const double[:, :, ::1] places, const double[:, :, ::1] velocities) except -1:
-    cdef Py_ssize_t B = places.shape[0], K = skeleton.data.K
-    if places.shape[1] != K or places.shape[2] != 3 or velocities.shape[0] != B or velocities.shape[1] != K:
-        raise InputError(f"places and velocities must have shape ({B}, {K}, 3)")
-    if velocities.shape[2] != 3:
-        raise InputError("velocities must have three coordinates")
+cdef int _check(const double[:, :, ::1] places, const double[:, :, ::1] velocities) except -1:
+    cdef Py_ssize_t B = places.shape[0], K = places.shape[1]
+    if velocities.shape[0] != B or velocities.shape[1] != K or velocities.shape[2] != 3:
+        raise InputError(f"velocities must have the shape of the places, ({B}, {K}, 3)")
     return 0
 
 
 def link_terms(
-    SkeletonTable skeleton not None, const double[:, :, ::1] places, const double[:, :, ::1] velocities,
-    const double[:, ::1] points, bint isotropic,
+    const double[:, :, ::1] places, const double[:, :, ::1] velocities, const Py_ssize_t[:, ::1] links,
+    const double[:, ::1] points, bint by_length, bint isotropic,
 ):
     """Return φ, φ̇ and I (0 unless wanted) summed over the links, (3, B, M), at points (M, 3).
 
-    Places and velocities of the key points are (B, K, 3).
+    Places and velocities of the key points are (B, K, 3), and links (L, 2) are pairs of these.
     """
     cdef Py_ssize_t B = places.shape[0], M = points.shape[0], b, m
+    cdef Skeleton skeleton = skeleton_of(links, places, by_length)
     cdef Terms found
-    _check(skeleton, places, velocities)
-    terms = np.empty((3, B, M))
+    _check(places, velocities)
+    terms = np.zeros((3, B, M))
     cdef double[:, :, ::1] out = terms
     if points.shape[1] != 3:
         raise InputError("points must have shape (M, 3)")
-    if not skeleton.data.K:
-        return np.zeros((3, B, M))
+    if not skeleton.L:
+        return terms
     with nogil:
         for b in range(B):
             for m in range(M):
-                found = _link_sums(&places[b, 0, 0], &velocities[b, 0, 0], &skeleton.data, &points[m, 0], isotropic)
+                found = _link_sums(&places[b, 0, 0], &velocities[b, 0, 0], &skeleton, &points[m, 0], isotropic)
                 out[0, b, m], out[1, b, m], out[2, b, m] = found.phi, found.rate, found.spread
     return terms
 
 
 def gradients(
-    SkeletonTable skeleton not None, const double[:, :, ::1] places, const double[:, :, ::1] velocities,
-    const double[:, :, ::1] points, const double[:, ::1] weights, double ahead, double spread,
+    const double[:, :, ::1] places, const double[:, :, ::1] velocities, const Py_ssize_t[:, ::1] links,
+    const double[:, :, ::1] points, const double[:, ::1] weights, double ahead, double spread, bint by_length,
 ):
     """Return the gradients of Σ_m w_m (φ + ahead·φ̇ + spread·I) by key points and by their velocities, (2, B, K, 3).
 
-    Places and velocities of the key points are (B, K, 3), points (B or 1, M, 3), and weights (B, M).
+    Places and velocities of the key points are (B, K, 3), links (L, 2) pairs of these, points (B or 1, M, 3), and
+    weights (B, M).
     """
-    cdef const Skeleton *skeleton_data = &skeleton.data
     cdef Py_ssize_t B = weights.shape[0], M = weights.shape[1], b, k, p, i, j
-    _check(skeleton, places, velocities)
+    skeleton_of(links, places, by_length)
+    _check(places, velocities)
     if places.shape[0] != B or points.shape[0] not in (1, B) or points.shape[1] != M or points.shape[2] != 3:
         raise InputError(f"points must have shape (1 or {B}, {M}, 3), as the weights have rows and columns")
     found = np.zeros((2, B, places.shape[1], 3))
     cdef double[:, :, :, ::1] out = found
     with nogil:
         for b in range(B):
-            for k in range(skeleton_data.L):
-                i, j = skeleton_data.links[2 * k], skeleton_data.links[2 * k + 1]
+            for k in range(links.shape[0]):
+                i, j = links[k, 0], links[k, 1]
                 for p in range(M):
                     _add_gradients(
                         &places[b, i, 0], &places[b, j, 0], &velocities[b, i, 0], &velocities[b, j, 0],
                         &points[b if points.shape[0] > 1 else 0, p, 0], weights[b, p], ahead, spread,
-                        skeleton_data.by_length, &out[0, b, i, 0], &out[0, b, j, 0], &out[1, b, i, 0], &out[1, b, j, 0],
+                        by_length, &out[0, b, i, 0], &out[0, b, j, 0], &out[1, b, i, 0], &out[1, b, j, 0],
                     )
     return found
 
@@ -404,10 +404,10 @@ cdef void _add_gradients(
 
 
 def cell_bounds(
-    SkeletonTable skeleton not None, const double[:, :, ::1] places, const double[:, :, ::1] velocities,
-    const double[:, ::1] speeds, const double[:, ::1] accelerations, const double[::1] halves,
-    const double[::1] strokes, const double[:, ::1] points, double gamma, const double[::1] rates,
-    const double[::1] enough,
+    const double[:, :, ::1] places, const double[:, :, ::1] velocities, const double[:, ::1] speeds,
+    const double[:, ::1] accelerations, const double[::1] halves, const double[::1] strokes,
+    const Py_ssize_t[:, ::1] links, const double[:, ::1] points, double gamma, bint by_length,
+    const double[::1] rates, const double[::1] enough,
 ):
     """Return upper bounds of φ and of φ′ + γI over cells, (2, N, M), summed over links; +inf where p may be reached.
 
@@ -426,8 +426,6 @@ def cell_bounds(
 
     Parameters
     ----------
-    skeleton : SkeletonTable
-        The links.
     places, velocities : ndarray, shape (N, K, 3)
         Key points, and their derivatives by s, at the centres of N cells.
     speeds, accelerations : ndarray, shape (N, K)
@@ -436,19 +434,24 @@ def cell_bounds(
         Half the lengths of the cells, h.
     strokes : ndarray, shape (N,)
         How fast links may become longer with s.
+    links : ndarray of intp, shape (L, 2)
+        Which key points links lead from and to.
     points : ndarray, shape (M, 3)
         Danger points [m].
     gamma : float
         γ.
+    by_length : bool
+        Whether a link weighs in proportion to its length.
     rates : ndarray, shape (N,)
         ṡ in the cells.
     enough : ndarray, shape (M,)
         Where φ + ṡ(φ′ + γI) is no larger than this by a cheaper bound, this bound stands.
     """
-    cdef Py_ssize_t N = places.shape[0], M = points.shape[0], K = skeleton.data.K, b, p
+    cdef Py_ssize_t N = places.shape[0], M = points.shape[0], K = places.shape[1], b, p
+    cdef Skeleton skeleton = skeleton_of(links, places, by_length)
     cdef int detail
     cdef double level, push
-    _check(skeleton, places, velocities)
+    _check(places, velocities)
     if speeds.shape[0] != N or speeds.shape[1] != K or accelerations.shape[0] != N or accelerations.shape[1] != K:
         raise InputError(f"speeds and accelerations must have shape ({N}, {K})")
     if halves.shape[0] != N or strokes.shape[0] != N or rates.shape[0] != N:
@@ -465,7 +468,7 @@ def cell_bounds(
                 for detail in range(3):
                     level = push = 0.0
                     _add_cell_bounds(
-                        &skeleton.data, &places[b, 0, 0], &velocities[b, 0, 0], &speeds[b, 0], &accelerations[b, 0],
+                        &skeleton, &places[b, 0, 0], &velocities[b, 0, 0], &speeds[b, 0], &accelerations[b, 0],
                         halves[b], strokes[b], &points[p, 0], gamma, detail, &level, &push,
                     )
                     out[0, b, p] = level * (1 + CLOSED_FORM_ROUNDING)

@@ -6,6 +6,8 @@ from safe_ompl.robot.kinematics cimport KeyPointTable
 # The build of the functions with lanes that this processor runs.
 cdef const LaneFunctions *lanes
 
+cdef Skeleton skeleton_of(const Py_ssize_t[:, ::1] links, const double[:, :, ::1] places, bint by_length) except *
+
 
 cdef class SkeletonTable:
     cdef readonly KeyPointTable keys

@@ -163,7 +163,8 @@ cdef class PointDanger:
 
     def _write_sums(self, values, out, gradients):
         """Write what `write` does of a mean or a soft maximum, to which all points contribute."""
-        levels = link_fields(self.skeleton, self.skeleton.keys.places(values), self.points.columns, True)[:, 0]
+        skeleton, places = self.skeleton, self.skeleton.keys.places(values)
+        levels = link_fields(places, skeleton.links, self.points.columns, skeleton.data.by_length, True)[:, 0]
         levels = np.ascontiguousarray(levels * self.points.charges)
         if gradients is not None:
             weights = shares(levels, self.kind, self.sharpness) * self.points.charges
@@ -260,24 +261,27 @@ cdef class PointDanger:
         return self.values(places)
 
 
-def link_fields(SkeletonTable skeleton not None, const double[:, :, ::1] places, const double[:, ::1] columns, bint summed):
+def link_fields(
+    const double[:, :, ::1] places, const Py_ssize_t[:, ::1] links, const double[:, ::1] columns, bint by_length,
+    bint summed,
+):
     """Return the field of each link (B, L, M) at points (3, M), or their sum (B, 1, M), which is CDF(p).
 
-    Key points are at `places: (B, K, 3)`.
+    Key points are at `places: (B, K, 3)`, and links (L, 2) are pairs of these.
     """
-    cdef Py_ssize_t B = places.shape[0], M = columns.shape[1], rows = 1 if summed else skeleton.data.L, b
-    if places.shape[1] != skeleton.data.K or places.shape[2] != 3 or columns.shape[0] != 3:
-        raise InputError(f"places must have shape (B, {skeleton.data.K}, 3), and points (3, M)")
+    cdef Skeleton skeleton = skeleton_of(links, places, by_length)
+    cdef Py_ssize_t B = places.shape[0], M = columns.shape[1], rows = 1 if summed else skeleton.L, b
+    _check_columns(columns)
     found = np.zeros((B, rows, M))
     cdef double[:, :, ::1] out = found
-    cdef void *memory = malloc(lanes.block_size(skeleton.data.K))
+    cdef void *memory = malloc(lanes.block_size(skeleton.K))
     if not memory:
         raise MemoryError
-    if M and rows:
+    if M and skeleton.L:
         with nogil:
             for b in range(B):
                 lanes.potentials(
-                    &places[b, 0, 0], &skeleton.data, &columns[0, 0], M, 0, M, &out[b, 0, 0], M, summed, memory
+                    &places[b, 0, 0], &skeleton, &columns[0, 0], M, 0, M, &out[b, 0, 0], M, summed, memory
                 )
     free(memory)
     return found
@@ -290,7 +294,8 @@ def link_distances(const double[:, :, ::1] places, const Py_ssize_t[:, ::1] link
     cdef double squared, ux, uy, uz, t
     cdef const double *a
     cdef const double *end
-    _check_links(links, places.shape[1])
+    skeleton_of(links, places, False)
+    _check_columns(columns)
     found = np.empty((B, L, M))
     cdef double[:, :, ::1] out = found
     with nogil:
@@ -318,7 +323,8 @@ def space_gradients(
     cdef double u[3]
     cdef double v[3]
     cdef double d1, d2, half, scale
-    _check_links(links, places.shape[1])
+    skeleton_of(links, places, by_length)
+    _check_columns(columns)
     found = np.zeros((B, M, 3))
     cdef double[:, :, ::1] out = found
     with nogil:
@@ -347,13 +353,25 @@ cdef double _length(const double *a, const double *b) noexcept nogil:
     return max(sqrt(x * x + y * y + z * z), ZERO)
 
 
-cdef int _check_links(const Py_ssize_t[:, ::1] links, Py_ssize_t K) except -1:
-    cdef Py_ssize_t k
+cdef Skeleton skeleton_of(const Py_ssize_t[:, ::1] links, const double[:, :, ::1] places, bint by_length) except *:
+    """Return links (L, 2) between key points at `places: (B, K, 3)` as a skeleton without joints."""
+    cdef Py_ssize_t L = links.shape[0], K = places.shape[1], k
     if links.shape[1] != 2:
-        raise InputError("links must have shape (L, 2)")
-    for k in range(links.shape[0]):
+        raise InputError(f"links must be pairs of key points, got {links.shape[1]} of them")
+    if places.shape[2] != 3:
+        raise InputError(f"places must have shape (B, K, 3), got {places.shape[2]} coordinates")
+    for k in range(L):
         if not (0 <= links[k, 0] < K and 0 <= links[k, 1] < K):
-            raise InputError(f"link {k} leads to a key point that there is not")
+            raise InputError(f"link {k} leads from key point {links[k, 0]} to {links[k, 1]}; there are {K}")
+    cdef Skeleton skeleton = Skeleton(NULL, 0, NULL, K, NULL, L, by_length)
+    if L:
+        skeleton.links = &links[0, 0]
+    return skeleton
+
+
+cdef int _check_columns(const double[:, ::1] columns) except -1:
+    if columns.shape[0] != 3:
+        raise InputError(f"points must have shape (3, M), got {columns.shape[0]} coordinates")
     return 0
 
 

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
-from safe_ompl.danger import KinetostaticField
-from safe_ompl.danger.kernels import CellMotions, cell_bounds
+from safe_ompl.danger import KinetostaticField, cell_bounds
 from safe_ompl.motions.bodies import acceleration_bounds
 from safe_ompl.motions.cells import Cells, divided_edges
 from safe_ompl.motions.motion import Motion
@@ -87,7 +86,11 @@ def cell_danger(
     strokes = steps[:, sliding].sum(axis=1)
     state = np.ascontiguousarray(keypoints), np.ascontiguousarray(velocities)
     level, push = cell_bounds(
-        CellMotions(*state, speeds, accelerations, halves, strokes),
+        *state,
+        speeds,
+        accelerations,
+        halves,
+        strokes,
         field.links,
         plain(points),
         moving.gamma,

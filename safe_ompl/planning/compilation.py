@@ -11,8 +11,6 @@ import safe_ompl.planning.simplification as simplification
 import safe_ompl.scene as scenes
 from safe_ompl.collision import CollisionChecker, EdgeTables, MotionProver, prove_curve
 from safe_ompl.common import compile_together
-from safe_ompl.danger import DangerField
-from safe_ompl.danger.kernels import dangers
 from safe_ompl.geometry import Box, Obstacle, Person, Sphere
 from safe_ompl.geometry.kernels import extreme_vertices
 from safe_ompl.robot import Robot
@@ -28,7 +26,7 @@ _ANY_LENGTH = 1.0
 @cache
 def compile_kernels() -> None:
     """Compile the kernels of a plan, unless they are on disk: once in a process it is looked whether they are."""
-    compile_together([dangers], PLAN_JOBS)
+    compile_together([prove_curve], PLAN_JOBS)
 
 
 def small_robot() -> Robot:
@@ -41,7 +39,6 @@ def ask_for_danger() -> None:
     robot = small_robot()
     q = np.zeros(robot.n)
     robot.joint_limits.hold(q)
-    DangerField(robot, np.ones((1, 3))).values_and_gradients(np.zeros((1, robot.n)))
     simplification.Curve(robot, np.zeros((2, robot.n))).at(q[:1])
 
 

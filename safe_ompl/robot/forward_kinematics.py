@@ -29,7 +29,7 @@ from safe_ompl.common import (
 from safe_ompl.robot import kernels as kernel
 from safe_ompl.robot.displacement_bounds import JointChain
 from safe_ompl.robot.joints import Mimic, RobotSkeleton, frame_index
-from safe_ompl.robot.kinematics import JointTable
+from safe_ompl.robot.kinematics import JointTable, KeyPointTable
 from safe_ompl.robot.parts import RobotParts
 
 _log = logging.getLogger(__name__)
@@ -67,6 +67,8 @@ class KinematicTree:
         order = np.array([rows.setdefault(key.tobytes(), len(rows)) for key in ends], dtype=np.intp)
         self.skeleton = ends[np.unique(order, return_index=True)[1]], order.reshape(links.shape)
         self.table = JointTable(self.joints)
+        self.keypoint_table = KeyPointTable(self.keypoints, self.table)
+        self.link_end_table = KeyPointTable(self.skeleton[0], self.table)
 
 
 def plain(array: Any) -> FloatArray:

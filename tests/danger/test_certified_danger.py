@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from safe_ompl import CertifiedDanger, DangerField, DangerLimit, InputError, Verdict
-from safe_ompl.danger.certified import Ends, KeypointRates, chords
+from safe_ompl.danger.certified import KeypointRates, chords
 from safe_ompl.danger.field import AGGREGATES
 from safe_ompl.danger.link_field import segment_distances, segment_fields
 
@@ -100,7 +100,7 @@ def test_chords_lie_above_the_field_of_a_moving_link(seed, duration):
     links, points = np.array([[0, 1]]), rng.normal(size=(5, 3))
     fields = segment_fields(keypoints, links, points)
     distances = segment_distances(keypoints, links, points)
-    first, last = (Ends(fields[side], distances[side]) for side in (0, -1))
+    first, last = (np.stack([fields[side], distances[side]]) for side in (0, -1))
     push = np.linalg.norm(acceleration, axis=1).max()
     low, high = chords(first, last, duration, np.array([speed]), np.array([push]), np.ones(1))
     along = np.linspace(0, 1, 50)[1:-1, None, None]

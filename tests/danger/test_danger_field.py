@@ -8,11 +8,22 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from oracles.pinocchio_points import keypoint_jacobians
 
-from safe_ompl import Box, CertifiedDanger, DangerField, InputError, Obstacle, Person, Pose, Robot, Scene
+from safe_ompl import (
+    Box,
+    CertifiedDanger,
+    DangerField,
+    InputError,
+    KinetostaticField,
+    Obstacle,
+    Person,
+    Pose,
+    Robot,
+    Scene,
+)
 from safe_ompl.common import Counts
 from safe_ompl.danger.field import AGGREGATES
-from safe_ompl.danger.kernels import dangers, high_levels
 from safe_ompl.danger.link_field import WEIGHTINGS, field, vectors
+from safe_ompl.danger.static import DangerPointTable, PointDanger
 from safe_ompl.geometry import STANDING
 
 ROBOTS = ("panda", "kinova", "twin_arm", "slider", "gripper")  # continuous, sliding and mimic joints, branches
@@ -77,6 +88,19 @@ def test_values_of_any_number_of_points(robot_named, seed, number, aggregate, we
 
 
 @pytest.mark.parametrize("aggregate", AGGREGATES)
+def test_arrays_of_any_kind_are_taken(panda, rng, aggregate):
+    danger, frozen = DangerField(panda, POINTS.T.copy().T, WEIGHTS[::-1], aggregate=aggregate), some(panda, rng, 4)
+    frozen.setflags(write=False)
+    motion = KinetostaticField(danger)
+    for Q in (frozen, np.asfortranarray(frozen), frozen[::2], frozen.tolist()):
+        expected = [danger.value(q) for q in Q]
+        np.testing.assert_array_equal(danger.values_and_gradients(Q)[0], expected)
+        np.testing.assert_array_equal(danger.high_points(Q, 0.5), danger.high_points(np.array(Q), 0.5))
+        np.testing.assert_allclose(motion.values_and_gradients(Q, 0 * np.array(Q))[0], expected, rtol=1e-9)
+        assert danger.link_fields(panda.keypoints_batch(np.array(Q)))[0].shape == (len(Q), len(danger.links), 9)
+
+
+@pytest.mark.parametrize("aggregate", AGGREGATES)
 def test_infinite_at_contact(panda, rng, aggregate):
     Q = some(panda, rng, 4)
     keys = panda.keypoints(Q[0])
@@ -93,21 +117,21 @@ def test_infinite_at_contact(panda, rng, aggregate):
 def test_a_danger_below_single_precision_is_that_of_its_own_points(panda, rng):
     """Bounds are zero there, as are those of the places that fill up a row of points: what lies there is not read."""
     Q, small = some(panda, rng, 5), 1e-60
-    known, none = DangerField(panda, POINTS).for_kernels(), np.empty((0, panda.n))
+    known = DangerField(panda, POINTS).point_danger()
     columns, charges = np.zeros(64), np.full(64, 1e9)
     columns[:27], charges[:9] = known.points.columns.ravel(), small
-    faint = known.points._replace(columns=columns[:27].reshape(3, 9), charges=charges[:9])
-    expected = small * dangers(known.tables, Q, known.points, known.aggregate, none)
-    np.testing.assert_allclose(dangers(known.tables, Q, faint, known.aggregate, none), expected, rtol=1e-12, atol=0.0)
+    faint = DangerPointTable(columns[:27].reshape(3, 9), charges[:9])
+    found = PointDanger(known.skeleton, faint, known.kind, known.sharpness).values(Q)
+    np.testing.assert_allclose(found, small * known.values(Q), rtol=1e-12, atol=0.0)
 
 
 @pytest.mark.parametrize("weights", [None, WEIGHTS])
 def test_high_levels_are_the_fields_of_single_points(panda, rng, weights):
     danger, Q = DangerField(panda, POINTS, weights), some(panda, rng, 6)
-    level, tables = float(np.median(danger.values(Q))), danger.for_kernels()
+    level, every = float(np.median(danger.values(Q))), danger.point_danger()
     single = [danger.with_points(POINTS[[m]], None if weights is None else weights[[m]]) for m in range(9)]
     for q in Q:
-        values, gradients = high_levels(tables.tables, q[None], tables.points, level)
+        values, gradients = every.high_levels(q[None], level)
         expected = [(one.value(q), one.gradient(q)) for one in single if one.value(q) >= level]
         assert len(expected) == len(values)
         for value, gradient, (known, slope) in zip(values, gradients, expected, strict=True):
@@ -115,9 +139,7 @@ def test_high_levels_are_the_fields_of_single_points(panda, rng, weights):
             np.testing.assert_allclose(gradient, slope, rtol=1e-10, atol=1e-12)
     high, every = danger.high_points(Q, 0.5), np.array([one.values(Q) for one in single])
     np.testing.assert_array_equal(high, (every >= 0.5 * every.max(axis=0)).any(axis=1))
-    few = danger.for_kernels(high)
-    values = dangers(few.tables, Q, few.points, few.aggregate, np.empty((0, panda.n)))
-    np.testing.assert_array_equal(values, danger.values(Q))
+    np.testing.assert_array_equal(danger.point_danger(high).values(Q), danger.values(Q))
     assert DangerField(panda, POINTS, weights, aggregate="mean").high_points(Q, 0.5).all()
 
 

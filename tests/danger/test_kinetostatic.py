@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 from safe_ompl import DangerField, InputError, KinetostaticField
 from safe_ompl.danger import link_field
-from safe_ompl.danger.kernels.kinetostatic import link_terms, pulls
+from safe_ompl.danger.moving import gradients, link_terms
 
 LINK = np.array([[0, 1]])
 
@@ -95,7 +95,7 @@ def test_gradients_of_the_parts_are_those_of_finite_differences(by_length):
             found = link_terms(state[:1], state[1:], LINK, p[None], by_length, True)
             return float(2 * (found[0] + 0.3 * found[1] + 0.5 * found[2])[0, 0])
 
-        found = pulls(state[:1], state[1:], LINK, p[None, None], np.full((1, 1), 2.0), 0.3, 0.5, by_length)[:, 0]
+        found = gradients(state[:1], state[1:], LINK, p[None, None], np.full((1, 1), 2.0), 0.3, 0.5, by_length)[:, 0]
         expected = np.empty_like(state)
         for at in np.ndindex(state.shape):
             aside = np.zeros(state.shape)
@@ -108,7 +108,8 @@ def test_gradients_stay_finite_for_links_that_stand_still_or_do_not_turn():
     keys = np.array([[[0.0, 0, 0], [0.3, 0, 0]]])
     for velocity in (np.zeros(3), np.ones(3)):
         v = np.array([[velocity, velocity]])
-        assert np.isfinite(pulls(keys, v, LINK, np.array([[[0.1, 0.5, 0.2]]]), np.ones((1, 1)), 0.2, 0.2, False)).all()
+        point, weight = np.array([[[0.1, 0.5, 0.2]]]), np.ones((1, 1))
+        assert np.isfinite(gradients(keys, v, LINK, point, weight, 0.2, 0.2, False)).all()
 
 
 # ------------------------------------------------------------------------------------------------- of robots

@@ -10,8 +10,7 @@ from hypothesis import example, given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad
 
-from safe_ompl.common import compiled
-from safe_ompl.danger.kernels import field as kernel, lanes
+from safe_ompl.danger import static
 from safe_ompl.danger.link_field import (
     WEIGHTINGS,
     columns,
@@ -21,7 +20,8 @@ from safe_ompl.danger.link_field import (
     segment_fields,
     vectors,
 )
-from safe_ompl.robot.kernels import JOINT, KEYPOINT
+from safe_ompl.danger.static import MAXIMUM, MEAN, DangerPointTable, PointDanger, SkeletonTable
+from safe_ompl.robot.kinematics import JOINT, KEY_POINT, JointTable, KeyPointTable
 
 ONE = np.array([[0, 1]])
 ARM = np.array([[1, 2], [2, 3], [5, 6], [3, 5], [3, 7]])  # a branch, and key points 0 and 4 on no segment
@@ -33,44 +33,38 @@ places = arrays(np.float64, (3,), elements=coordinates)
 skeletons = arrays(np.float64, (1, K, 3), elements=coordinates)
 
 
-def standing(places):
-    """Return tables of no joints, and of key points that stand at places (K, 3)."""
-    keys = np.zeros(len(places), KEYPOINT)
-    keys["offset"] = places
-    return np.zeros(0, JOINT), keys
+def gliding(places):
+    """Return a table of key points (K, 3), each of which three joints move along the axes of the world."""
+    joints = np.zeros(3 * len(places), JOINT)
+    joints["rotation"], joints["axis"], joints["slides"] = np.eye(3), np.tile(np.eye(3), (len(places), 1)), 1
+    joints["parent"] = [3 * k + x for k in range(len(places)) for x in range(3)]
+    joints["parent"][::3] = 0
+    keys = np.zeros(len(places), KEY_POINT)
+    keys["joint"] = 3 * np.arange(1, len(places) + 1)
+    joints["translation"][::3] = places
+    return KeyPointTable(keys, JointTable(joints))
 
 
-@compiled
-def _pulls(joints, keys, links, points, weights, by_length):
-    count, K, L = points.shape[1], len(keys), len(links)
-    frames, sights, pulls = lanes.new_frames(0, K, L), lanes.new_sights(K, L), lanes.new_pulls(0, K)
-    lanes.place_lanes(joints, keys, links, np.zeros((1, 0)), frames)
-    out, some = np.zeros((K, 3)), np.zeros(lanes.LANES)
-    for m in range(count):
-        sights.seen_from[m], sights.which[m], some[m] = 0, m, weights[m]
-    used = lanes.see(frames, points, count, sights)
-    lanes.write_pulls(links, by_length, some, used, sights, pulls)
-    for k in range(K):
-        for x in range(3):
-            for m in range(count):
-                out[k, x] += pulls.forces[k, x, m]
-    return out
+def point_danger(places, links, points, charges, by_length, kind):
+    """Return the danger of key points (K, 3) that joints move along the axes of the world."""
+    skeleton = SkeletonTable(gliding(places), links, by_length)
+    return PointDanger(skeleton, DangerPointTable(columns(points), charges), kind, 1.0)
 
 
 def keypoint_gradient(keypoints, links, points, weights, weighting="unit"):
     """Return the gradient (B, K, 3) of Σ_m w_m CDF(p_m) by the key points."""
+    where = np.zeros((1, 3 * keypoints.shape[1]))
     each = [
-        sum(
-            _pulls(*standing(places), links, columns(points[k : k + lanes.LANES]), some[k : k + lanes.LANES], by)
-            for k in range(0, len(points), lanes.LANES)
-        )
-        for places, some, by in zip(keypoints, weights, [weighting == "length"] * len(keypoints), strict=True)
+        point_danger(places, links, points, len(points) * some, weighting == "length", MEAN)
+        .values_and_gradients(where)[1]
+        .reshape(places.shape)
+        for places, some in zip(keypoints, weights, strict=True)
     ]
     return np.array(each)
 
 
 def space_gradient(keypoints, links, points, weighting="unit"):
-    return kernel.space_gradients(keypoints, links, columns(points), weighting == "length")
+    return static.space_gradients(keypoints, links, columns(points), weighting == "length")
 
 
 def arm(rng, configurations=1):
@@ -271,15 +265,6 @@ def test_segment_distances_against_dense_samples(rng):
 # ------------------------------------------------------------------------------------------- in single precision
 
 
-@compiled
-def bounds_of(joints, keys, links, points, by_length, reach):
-    frames = lanes.new_frames(0, len(keys), len(links))
-    lanes.place_lanes(joints, keys, links, np.zeros((1, 0)), frames)
-    out, distances = (np.empty(points.shape[1], np.float32), np.empty((len(keys), points.shape[1]), np.float32))
-    lanes.ceilings(frames, 0, links, by_length, points, reach, distances, out)
-    return out
-
-
 @settings(max_examples=100)
 @given(
     seed=st.integers(0, 10**6),
@@ -288,7 +273,10 @@ def bounds_of(joints, keys, links, points, by_length, reach):
     weighting=st.sampled_from(WEIGHTINGS),
 )
 def test_no_field_exceeds_its_bound_in_single_precision(seed, scale, away, weighting):
-    """Points anywhere, and as near to the links, to their ends and to the lines beyond them as rounding can tell."""
+    """All points that reach a level are found, as those are left out whose bound in single precision is below it.
+
+    They lie anywhere, and as near to the links, to their ends and to the lines beyond them as rounding can tell.
+    """
     rng = np.random.default_rng(seed)
     places = scale * rng.normal(size=(5, 3)) + away
     places[4] = places[3] + rng.choice([0.0, 1e-9, 1e-4]) * rng.normal(size=3)
@@ -297,8 +285,7 @@ def test_no_field_exceeds_its_bound_in_single_precision(seed, scale, away, weigh
     beside = np.array(on)[:, None] + 10.0 ** rng.uniform(-12, 0, (20, 1)) * rng.normal(size=(20, 3))
     points = np.vstack([scale * rng.normal(size=(50, 3)) + away, on, beside.reshape(-1, 3)])
     exact = field(places[None], links, points, weighting)[0]
-    reach = max(np.abs(points).max(), np.abs(places).max())
-    bounds = bounds_of(*standing(places), links, points.T.astype(np.float32), weighting == "length", reach)
-    assert (bounds >= exact).all()
-    far = exact < 0.2 / scale * (scale if weighting == "length" else 1.0)
-    assert away or (bounds[far] <= 1.05 * exact[far] + 1e-6).all()
+    danger = point_danger(places, links, points, np.ones(len(points)), weighting == "length", MAXIMUM)
+    for level in np.sort(exact[np.isfinite(exact)])[::20] * (1 - 1e-12):
+        found = danger.high(np.zeros((1, 15)), 0.0, level)
+        assert (found[exact >= level * (1 + 1e-11)] > 0).all()

@@ -15,16 +15,16 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, metadata, requires, version
 from pkgutil import resolve_name
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
 from safe_ompl.apps.cli import arguments, output
+from safe_ompl.collision import prove_curve
 from safe_ompl.common import PlanningError, compile_together, origin
-from safe_ompl.danger import CertifiedDanger, DangerField, KinetostaticField
-from safe_ompl.danger.kernels import dangers
+from safe_ompl.danger import CertifiedDanger, DangerField
 from safe_ompl.drawing import render_path
 from safe_ompl.geometry import Obstacle, Person, Pose
 from safe_ompl.live import Surroundings, Tracker, find_skeleton
@@ -36,12 +36,10 @@ from safe_ompl.scene import People, Scene
 from safe_ompl.version import __version__
 
 _SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 600.0  # [s]: a slow machine calls all, too
-_MANY = 1000  # points, which are put into balls
 _TICKS = 8
 ALL_JOBS = (  # those that need what a plan needs come after it
     *PLAN_JOBS,
-    f"{__name__}:ask_for_many_points",
-    f"{__name__}:ask_for_motions",
+    f"{__name__}:ask_for_bounds",
     f"{__name__}:ask_for_simplification",
     f"{__name__}:ask_for_people",
     f"{__name__}:ask_for_pictures",
@@ -60,7 +58,7 @@ def examine() -> int:
         table.add_row(name, found or "missing", escape(f"needs {bounds}" if bounds else ""))
         healthy &= found is not None or bool(extra)
     output.console().print(table)
-    output.console().print(escape(f"kernels: {origin(dangers)}"), soft_wrap=True)
+    output.console().print(escape(f"kernels: {origin(prove_curve)}"), soft_wrap=True)
     compile_all()
     trials: dict[str, Callable[[], Any]] = {f"kernels: {job.rpartition(':')[2]}": resolve_name(job) for job in ALL_JOBS}
     trials["plan"] = _plan
@@ -113,28 +111,12 @@ def _plan() -> None:
 def compile_all() -> None:
     """Compile what is not kept yet, and can be."""
     with suppress(Exception):  # of a job; `examine` does each job again, and says which one fails
-        compile_together([dangers], ALL_JOBS)
+        compile_together([prove_curve], ALL_JOBS)
 
 
-def _field(number: int, aggregate: Literal["max", "mean"] = "max") -> DangerField:
-    points = np.random.default_rng(0).uniform(2.0, 3.0, (number, 3))
-    return DangerField(small_robot(), points, aggregate=aggregate)
-
-
-def ask_for_many_points() -> None:
-    """Call what the danger of many points needs, and a mean on an edge."""
-    q, many = np.zeros(2), _field(_MANY, "mean")
-    many.values_and_gradients([q])
-    KinetostaticField(many).values_and_gradients([q], [q + 1.0])
-    _field(1).mean(q, q)
-
-
-def ask_for_motions() -> None:
-    """Call what danger in motion needs, its gradients, and bounds on paths."""
-    q, field = np.zeros(2), _field(1)
-    limits = RateLimits.of(field.robot, acceleration=10.0)
-    time_path([q, q + 1.0], field.robot, limits, danger=KinetostaticField(field), max_danger=1e3)
-    KinetostaticField(field).values_and_gradients([q], [q + 1.0])
+def ask_for_bounds() -> None:
+    """Call what bounds of the danger on a path need, and what pushes a robot away."""
+    q, field = np.zeros(2), DangerField(small_robot(), [[2.0, 2.0, 2.0]])
     CertifiedDanger(field).of_path([q, q + 1.0])
     field.push(q)
 

@@ -40,19 +40,6 @@ class Points(NamedTuple):
     reach: float
 
 
-class Groups(NamedTuple):
-    """M ≥ 1 danger points in G groups: columns (3, M + G), the points and a centre of each group; charges k₁w (M,).
-
-    Where the groups begin, and the last one ends, (G + 1,); radii (G,) [m] about the centres; largest charges (G,).
-    """
-
-    columns: FloatArray
-    charges: FloatArray
-    begins: IntArray
-    radii: FloatArray
-    heaviest: FloatArray
-
-
 class Aggregate(NamedTuple):
     """`MAXIMUM`, `MEAN` or `SOFTMAX`, and β of the latter."""
 
@@ -355,54 +342,6 @@ def high_levels(tables: Tables, values: FloatArray, points: Points, least: float
             C += 1
     slopes(tables, alike, points, chosen, weights, gradients)
     return levels, gradients
-
-
-_HALVINGS = 6  # of a panel at most
-
-
-@caller
-def mean_danger(
-    tables: Tables, ends: FloatArray, points: Points, aggregate: Aggregate, panels: int, tolerance: float
-) -> tuple[float, int]:
-    """Return the mean danger on the straight way between two `ends: (2, m)` of the joints; from how many evaluations.
-
-    By Simpson's rule. Of a panel, at first one of `panels`, the trapezoidal rule with the same three values differs by
-    |f₀ − 2f₁ + f₂|/12 from it. The panel is halved where that is more than the relative tolerance times the mean.
-    """
-    nothing = np.empty((0, ends.shape[1]))
-    first = dangers(tables, _between(ends, np.arange(2 * panels + 1) / (2 * panels)), points, aggregate, nothing)
-    mean, total, evaluations = 0.0, 0.0, len(first)
-    rest = np.empty((panels, 5))  # panels: where they begin, how long they are, and three values
-    for k in range(panels):
-        rest[k, 0], rest[k, 1], rest[k, 2:] = k / panels, 1.0 / panels, first[2 * k : 2 * k + 3]
-        mean += (first[2 * k] + 4.0 * first[2 * k + 1] + first[2 * k + 2]) / (6 * panels)
-    if not mean < inf:
-        return mean, evaluations
-    while len(rest) > 0:
-        rough, number, middles = np.empty((2 * len(rest), 5)), 0, np.empty(2 * len(rest))
-        for begin, length, f0, f1, f2 in rest:
-            if abs(f0 - 2.0 * f1 + f2) <= 12.0 * tolerance * mean or length * panels < 1.5 / 2**_HALVINGS:
-                total += length * (f0 + 4.0 * f1 + f2) / 6.0
-                continue
-            for half in range(2):
-                panel, middles[number] = rough[number], begin + (0.25 + 0.5 * half) * length
-                panel[0], panel[1], panel[2], panel[4] = begin + 0.5 * half * length, 0.5 * length, f0, f1
-                f0, f1, number = f1, f2, number + 1
-        rest, evaluations = rough[:number], evaluations + number
-        found = dangers(tables, _between(ends, middles[:number]), points, aggregate, nothing)
-        for k in range(number):
-            rest[k, 3] = found[k]
-    return total, evaluations
-
-
-@compiled
-def _between(ends: FloatArray, shares: FloatArray) -> FloatArray:
-    """Return configurations (B, m) at shares (B,) of the way between two `ends: (2, m)`."""
-    out = np.empty((len(shares), ends.shape[1]))
-    for b in range(len(shares)):
-        for i in range(ends.shape[1]):
-            out[b, i] = ends[0, i] + shares[b] * (ends[1, i] - ends[0, i])
-    return out
 
 
 @compiled

@@ -65,12 +65,6 @@ def dot(u: FloatArray, v: FloatArray) -> float:
 
 
 @part
-def norm(u: FloatArray) -> float:
-    """Return ‖u‖."""
-    return sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-
-
-@part
 def cross_norm(u: FloatArray, v: FloatArray) -> float:
     """Return ‖u × v‖."""
     x = u[1] * v[2] - u[2] * v[1]
@@ -91,29 +85,6 @@ def half_gap(u: FloatArray, v: FloatArray, d1: float, d2: float) -> float:
     if area <= ROUNDING * product:
         return 0.0
     return area * area / (product - along)
-
-
-@part
-def slopes(length: float, S: float, half: float) -> tuple[float, float, float]:
-    """Return φ = θ/ℓ, c = 2/(S² − ℓ²) and κ = (cS − φ)/ℓ² = (2/S³) Σ_k 2k/(2k+1) y^(k−1), y = (ℓ/S)²."""
-    c = 1.0 / half
-    phi = np.log1p(length * (S + length) * c) / length
-    y = (length / S) ** 2
-    if y > SERIES:
-        return phi, c, (c * S - phi) / (length * length)
-    total, power = 0.0, 1.0
-    for k in range(1, 10):
-        total += 2.0 * k / (2 * k + 1) * power
-        power *= y
-    return phi, c, 2.0 * total / (S * S * S)
-
-
-@part
-def ray(skeleton: Skeleton, points: FloatArray, m: int, key: int, out: FloatArray) -> float:
-    """Write the ray (3,) from a key point to p_m, and return its length."""
-    for x in range(3):
-        out[x] = points[x, m] - skeleton.places[key, x]
-    return norm(out)
 
 
 _LANES = 16  # numbers that a processor works on at once, times what the compiler unrolls
@@ -240,26 +211,6 @@ def link_length(places: FloatArray, start: int, end: int) -> float:
     return max(sqrt(x * x + y * y + z * z), ZERO)
 
 
-@maker
-def _space_slope(skeleton: Skeleton, points: FloatArray, m: int, out: FloatArray) -> None:
-    """Write ∂CDF/∂p = −Σ_l c_l (e₁ + e₂) at p_m (3,); zero on a segment."""
-    links, u, v = skeleton.links, np.empty(3), np.empty(3)
-    out[:] = 0.0
-    for k in range(len(links)):
-        start, end = links[k, 0], links[k, 1]
-        d1, d2 = ray(skeleton, points, m, start, u), ray(skeleton, points, m, end, v)
-        half = half_gap(u, v, d1, d2)
-        if half <= 0.0:
-            out[:] = 0.0
-            return
-        scale = link_length(skeleton.places, start, end) / half if skeleton.by_length else 1.0 / half
-        for x in range(3):
-            out[x] -= scale * (u[x] / d1 + v[x] / d2)
-
-
-# ---------------------------------------- batches: of skeletons (B, K, 3) and points (3, M), for Python
-
-
 @compiled
 def link_fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool, summed: bool) -> FloatArray:
     """Return the field of each link (B, L, M), or their sum (B, 1, M), which is CDF(p)."""
@@ -267,78 +218,4 @@ def link_fields(places: FloatArray, links: IntArray, points: FloatArray, by_leng
     out = np.empty((len(places), rows, points.shape[1]))
     for b in range(len(places)):
         potentials(Skeleton(places[b], links, by_length, block), points, 0, out.shape[2], out[b])
-    return out
-
-
-@compiled
-def link_distances(places: FloatArray, links: IntArray, points: FloatArray) -> FloatArray:
-    """Return the distance of each point from each link (B, L, M)."""
-    B, L, M = len(places), len(links), points.shape[1]
-    out, w = np.empty((B, L, M)), np.empty(3)
-    for b in range(B):
-        for k in range(L):
-            a, end = places[b, links[k, 0]], places[b, links[k, 1]]
-            for x in range(3):
-                w[x] = end[x] - a[x]
-            squared = max(dot(w, w), ZERO)
-            for m in range(M):
-                ux, uy, uz = points[0, m] - a[0], points[1, m] - a[1], points[2, m] - a[2]
-                t = min(max((ux * w[0] + uy * w[1] + uz * w[2]) / squared, 0.0), 1.0)
-                ux, uy, uz = ux - t * w[0], uy - t * w[1], uz - t * w[2]
-                out[b, k, m] = sqrt(ux * ux + uy * uy + uz * uz)
-    return out
-
-
-@compiled
-def space_gradients(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
-    """Return ∂CDF/∂p (B, M, 3)."""
-    out, block = np.empty((len(places), points.shape[1], 3)), new_block(places.shape[1])
-    for b in range(len(places)):
-        skeleton = Skeleton(places[b], links, by_length, block)
-        for m in range(points.shape[1]):
-            _space_slope(skeleton, points, m, out[b, m])
-    return out
-
-
-class Ends(NamedTuple):
-    """What is known of segments at one end of an interval: fields and distances, (L, M)."""
-
-    fields: FloatArray
-    distances: FloatArray
-
-
-@compiled
-def chords(
-    first: Ends, last: Ends, h: float, speed: FloatArray, acceleration: FloatArray, lengths: FloatArray
-) -> FloatArray:
-    """Return the ends (2, M) of straight lines that lie above Σ_l length_l·u_l(t) throughout an interval.
-
-    Segments l whose points move smoothly for a time h, none faster than V (L,) or with more acceleration than A (L,),
-    have the unit-weighted fields u = ∫₀¹ dτ/ρ_τ at a point p. They are multiplied by 1, or at least by their lengths
-    (L,). Of two bounds of each u the lower one is taken. Seen from the nearer end no point moves farther than δ = Vh/2,
-    so u ≤ U = max u·D/(D − δ) over both ends (`segment_bounds`): a level line. And along a curve 1/ρ has the second
-    derivative vᵀ∇²(1/ρ)v + ∇(1/ρ)·a ≥ −v²/ρ³ − a/ρ², for ∇²(1/ρ) has the eigenvalues 2/ρ³ and −1/ρ³. As ρ never falls
-    below D̲ = (D₁ + D₂ − Vh)/2, u'' ≥ −U(V²/D̲² + A/D̲), and u stays below the chord from u₁ to u₂ raised by
-
-        U (V²/D̲² + A/D̲) h²/8.
-
-    The first bound is linear in h, the second quadratic: near a smooth peak it needs a fifth of the intervals. The
-    lines are infinite where a segment may reach the point.
-    """
-    L, M = first.fields.shape
-    out = np.zeros((2, M))
-    for k in range(L):
-        half, weight = speed[k] * h / 2, lengths[k]
-        for m in range(M):
-            u1, u2, d1, d2 = (first.fields[k, m], last.fields[k, m], first.distances[k, m], last.distances[k, m])
-            left, right = d1 - half, d2 - half
-            if left > 0 and right > 0:
-                level = max(u1 * (d1 / left), u2 * (d2 / right))
-                nearest = (left + right) / 2
-                rise = level * ((speed[k] / nearest) ** 2 + acceleration[k] / nearest) * (h * h / 8)
-                bent = max(u1, u2) + rise < level
-                out[0, m] += weight * (u1 + rise if bent else level)
-                out[1, m] += weight * (u2 + rise if bent else level)
-            else:
-                out[0, m] = out[1, m] = inf
     return out

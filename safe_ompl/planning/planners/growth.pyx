@@ -25,9 +25,9 @@ from libc.stdlib cimport free, realloc
 from libc.string cimport memcpy
 
 from safe_ompl.collision.proofs cimport DistanceBounds, Outcome, Workspace, prove_edge
-from safe_ompl.danger.static cimport DangerPointTable, PointDanger, SkeletonTable
+from safe_ompl.danger.static cimport PointDanger
 from safe_ompl.robot.kinematics cimport (
-    Coordinates, EdgeTable, JointTable, KeyPointTable, bounded, descend, difference, steer,
+    Coordinates, EdgeTable, bounded, descend, difference, steer,
 )
 
 from enum import IntEnum
@@ -721,7 +721,7 @@ cdef class Growth:
         if self.field is not field:
             self.own_danger, self.field = None, field
             if len(field.points) and field.robot.coupling.trivial:
-                self.own_danger = _compiled_danger(field)
+                self.own_danger = field.point_danger()
                 if self.own_danger.skeleton.data.m != self.space.n:
                     raise InputError(f"danger must be that of {self.space.n} joints")
         return self.own_danger is not None
@@ -741,14 +741,6 @@ def _compiled_bounds(motion, pairs):
     return DistanceBounds(
         motion.checker.robot, pairs._table.convex_bodies, pairs.bodies, pairs._joint_radii, motion.checker.counts
     )
-
-
-def _compiled_danger(field):
-    """Return the danger for compiled code, made from that for Numba."""
-    known = field.for_kernels()
-    keys = KeyPointTable(known.tables.keys, JointTable(known.tables.joints))
-    skeleton = SkeletonTable(keys, known.tables.links, known.tables.by_length)
-    return PointDanger(skeleton, DangerPointTable(known.points.columns, known.points.charges), *known.aggregate)
 
 
 cdef double _least_root_cost(const Nodes *tree) noexcept nogil:
