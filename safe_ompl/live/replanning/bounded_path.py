@@ -13,7 +13,7 @@ than w before the robot does.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -304,6 +304,8 @@ class BoundedPath:
     brakes: FloatArray  # (N,), bounds b of |s̈|: |q′|b + |q″|X is within the accelerations of the joints
     frames: CellFrames  # Of the joints at the centres of the cells, and how far bodies get from there
     smooth: SmoothLimits | None = None  # What plans keep to in these cells, where the jerk is limited
+    # What `_borne` knows of these cells, at whatever speeds; NaN in cells that it was not asked for
+    contacts: dict[ContactLimits, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
 
     @classmethod
     def along(
@@ -379,9 +381,7 @@ class BoundedPath:
         |s̈| is no more than what joints, and `hardest`, allow at these speeds.
         """
         brakes = _brakes(self.cells, self.limits.joints, speeds, self.smooth)
-        path = replace(self, squared_limits=speeds * speeds, brakes=np.minimum(brakes, hardest))
-        path.__dict__["_contacts"] = self._contacts
-        return path
+        return replace(self, squared_limits=speeds * speeds, brakes=np.minimum(brakes, hardest))
 
     def motion_from(self, s: float, square: float, share: float, tick: float, past: StopLaw | None = None) -> StopLaw:
         """Return the motion of a tick [s] from (s, ṡ²) and its stop; s̈ is `share`, from −1 to 1, times the `brakes`.
@@ -477,17 +477,12 @@ class BoundedPath:
             rule = CLAMPING if most[at] < free[at] else CONTACT
         return MotionMargin(float(margin), self.bodies.links[body], sets.names[who], rule)
 
-    @cached_property
-    def _contacts(self) -> dict[ContactLimits, tuple[FloatArray, FloatArray]]:
-        """What `_borne` knows; NaN in cells that it was not asked for."""
-        return {}
-
     def _borne(self, contact: ContactLimits, at: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest ṡ² (N, G, M) at which contact is borne, and that if nobody is clamped, in cells (W,)."""
-        if contact not in self._contacts:
+        if contact not in self.contacts:
             unknown = np.full((len(self.brakes), self.frames.travel.shape[1], len(contact.limbs)), np.nan)
-            self._contacts[contact] = unknown, unknown.copy()
-        most, free = self._contacts[contact]
+            self.contacts[contact] = unknown, unknown.copy()
+        most, free = self.contacts[contact]
         new = np.unique(at[np.isnan(most[at, 0, 0])]) if most.size else at[:0]
         if len(new):
             sizes = self.edges[new + 1] - self.edges[new]

@@ -315,10 +315,10 @@ class Velocity:
             second = changes[kept] / spans[kept, None]
             third, spans = np.zeros_like(second), spans[kept]
         else:
-            begin, end = _ramp(state.qd, state.qdd, target, limits), _ramp(target, still, still, limits)
-            held = max(0.0, self.held - float(begin.spans.sum()))
+            first, last = _ramp(state.qd, state.qdd, target, limits), _ramp(target, still, still, limits)
+            held = max(0.0, self.held - float(first.spans.sum()))
             hold = _Ramp(still[None], still[None], np.array([held]))
-            ramps = [begin, hold, end] if held > 0 else [begin, end]
+            ramps = [first, hold, last] if held > 0 else [first, last]
             second, third, spans = (np.concatenate(parts) for parts in zip(*ramps, strict=True))
         yield Beginning(_through(state.q, state.qd, second, third, spans), 1.0)
 
