@@ -248,7 +248,7 @@ def as_motion(trajectory: Trajectory) -> Motion:
     of = curve.piece_at((law.edges[1:] + law.edges[:-1]) / 2)
     for k, h in enumerate(np.diff(law.times)):
         begin, end = curve.times[of[k] : of[k] + 2]
-        along = np.array([law.edges[k] - begin, np.sqrt(law.squares[k]) * h, law.pushes[k] * h * h / 2])
+        along = np.array([law.edges[k] - begin, np.sqrt(law.squared_speeds[k]) * h, law.accelerations[k] * h * h / 2])
         share = np.polynomial.Polynomial(along / (end - begin))
         held = np.zeros((7, curve.n))
         for i, c in enumerate(curve.coefficients[of[k]]):

@@ -251,7 +251,7 @@ def trajectory_claim(trajectory: Trajectory, scene: Scene) -> dict[str, Any]:
         **{key: value for key, value in curve.to_mapping().items() if key in _OF_CURVE},
         "corners": list(curve.corners),
         "edges": law.edges.tolist(),
-        "squares": (law.plan_squares if isinstance(law, SmoothLaw) else law.squares).tolist(),
+        "squares": (law.plan_squared_speeds if isinstance(law, SmoothLaw) else law.squared_speeds).tolist(),
         "duration": law.duration,
         "velocity": trajectory.limits.velocity.tolist(),
         "acceleration": trajectory.limits.acceleration.tolist(),

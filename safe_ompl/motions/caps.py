@@ -70,15 +70,15 @@ class StandstillError(SafeOmplError):
 def bending_cap(cells: Cells, limits: RateLimits) -> FloatArray:
     """Return the largest ṡ (N,) with which blends take half of the accelerations; the rest is left for braking."""
     with np.errstate(divide="ignore"):
-        return np.asarray(np.sqrt((BENDING * limits.acceleration / cells.bends).min(axis=1)))
+        return np.asarray(np.sqrt((BENDING * limits.acceleration / cells.d2q_ds2).min(axis=1)))
 
 
 def braking(cells: Cells, limits: RateLimits, speeds: FloatArray) -> FloatArray:
     """Return the deceleration along the path (N,) [rad/s²] that the accelerations leave at ṡ of `speeds: (N,)`."""
-    rest = limits.acceleration - cells.bends * (speeds * speeds)[:, None]
-    slopes = cells.slopes
+    rest = limits.acceleration - cells.d2q_ds2 * (speeds * speeds)[:, None]
+    dq_ds = cells.dq_ds
     with np.errstate(divide="ignore"):
-        return np.asarray(np.where(slopes > 0, rest / slopes, np.inf).min(axis=1))
+        return np.asarray(np.where(dq_ds > 0, rest / dq_ds, np.inf).min(axis=1))
 
 
 def speed_caps(speeds: FloatArray, tool_speed: float | None, link_speed: float | None) -> tuple[SpeedCap, ...]:

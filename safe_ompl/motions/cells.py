@@ -28,10 +28,10 @@ class CurvePoints(NamedTuple):
 class Boxes(NamedTuple):
     """Boxes of q′ and q″ over N cells, each (N, n)."""
 
-    slope_low: FloatArray
-    slope_high: FloatArray
-    bend_low: FloatArray
-    bend_high: FloatArray
+    dq_ds_low: FloatArray
+    dq_ds_high: FloatArray
+    d2q_ds2_low: FloatArray
+    d2q_ds2_high: FloatArray
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Cells:
 
     edges: FloatArray
     boxes: Boxes
-    swings: FloatArray
+    d3q_ds3: FloatArray
     stops: IntArray
 
     def __len__(self) -> int:
@@ -63,14 +63,14 @@ class Cells:
         return np.asarray(stops[np.searchsorted(stops, np.arange(len(self)), side="right")] - 1)
 
     @cached_property
-    def slopes(self) -> FloatArray:
+    def dq_ds(self) -> FloatArray:
         """Bounds (N, n) of |q′|."""
-        return np.asarray(np.maximum(np.abs(self.boxes.slope_low), np.abs(self.boxes.slope_high)))
+        return np.asarray(np.maximum(np.abs(self.boxes.dq_ds_low), np.abs(self.boxes.dq_ds_high)))
 
     @cached_property
-    def bends(self) -> FloatArray:
+    def d2q_ds2(self) -> FloatArray:
         """Bounds (N, n) of |q″|."""
-        return np.asarray(np.maximum(np.abs(self.boxes.bend_low), np.abs(self.boxes.bend_high)))
+        return np.asarray(np.maximum(np.abs(self.boxes.d2q_ds2_low), np.abs(self.boxes.d2q_ds2_high)))
 
 
 def divided_edges(edges: FloatArray, parts: IntArray) -> FloatArray:
@@ -111,5 +111,5 @@ class BodySpeeds:
 
     def accelerations(self, cells: Cells) -> FloatArray:
         """Return bounds (N, G + 1) of ‖x″‖ of all points of the bodies and of the tip [m/rad²]."""
-        steps, bends = (plain(self._robot.coupling.reach(bound)) for bound in (cells.slopes, cells.bends))
-        return acceleration_bounds(self._radii, self._turned, steps, bends)
+        dq_ds, d2q_ds2 = (plain(self._robot.coupling.reach(bound)) for bound in (cells.dq_ds, cells.d2q_ds2))
+        return acceleration_bounds(self._radii, self._turned, dq_ds, d2q_ds2)

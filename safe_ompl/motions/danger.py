@@ -25,16 +25,16 @@ _PARTS = 3
 
 
 class CellDanger(NamedTuple):
-    """Bounds of the danger of a robot in cells: at the danger points at most level + ṡ·push, (N, M), unweighted."""
+    """Bounds of the danger of a robot in cells: at the danger points at most level + ṡ·increase, (N, M), unweighted."""
 
     field: KinetostaticField
     levels: FloatArray
-    pushes: FloatArray
+    increases: FloatArray
 
     def at(self, rates: FloatArray) -> FloatArray:
         """Return a bound of the danger (N,) in cells where ṡ is `rates: (N,)`."""
         with np.errstate(invalid="ignore"):  # 0·∞, where a point may be reached
-            fields = self.levels + rates[:, None] * self.pushes
+            fields = self.levels + rates[:, None] * self.increases
         return self.field.field.aggregated(np.where(np.isnan(fields), np.inf, fields))
 
     def allowed(self, limit: float, most: FloatArray) -> FloatArray:
@@ -46,7 +46,7 @@ class CellDanger(NamedTuple):
             weights = self.field.field.weights
             share = limit if weights is None else limit / weights
             with np.errstate(divide="ignore", invalid="ignore"):
-                speeds = np.where(self.pushes > 0, (share - self.levels) / self.pushes, np.inf)
+                speeds = np.where(self.increases > 0, (share - self.levels) / self.increases, np.inf)
             found = np.minimum(most, speeds.min(axis=1, initial=np.inf))
         else:
             found, bad = np.where(self.at(most) <= limit, most, 0.0), most
@@ -76,16 +76,16 @@ def cell_danger(
     robot, points = field.robot, field.points
     place = motion.places(cells.centres[rows])
     keypoints, velocities, _ = robot.keypoint_motions(place.q, place.dq_ds)
-    steps, bends = (plain(robot.coupling.reach(bound)) for bound in (cells.slopes[rows], cells.bends[rows]))
+    dq_ds, d2q_ds2 = (plain(robot.coupling.reach(bound)) for bound in (cells.dq_ds[rows], cells.d2q_ds2[rows]))
     sliding = robot.joint_prismatic
     turned = robot.joint_keypoint_support & ~sliding
-    accelerations = acceleration_bounds(plain(robot.bounds.joint_keypoint_radii), turned, steps, bends)
+    accelerations = acceleration_bounds(plain(robot.bounds.joint_keypoint_radii), turned, dq_ds, d2q_ds2)
     speeds = np.linalg.norm(velocities, axis=2) + halves[:, None] * accelerations
     weights = np.ones(len(points)) if field.weights is None else field.weights
     field.count(len(keypoints), len(points))
-    strokes = steps[:, sliding].sum(axis=1)
+    strokes = dq_ds[:, sliding].sum(axis=1)
     state = np.ascontiguousarray(keypoints), np.ascontiguousarray(velocities)
-    level, push = cell_bounds(
+    level, increase = cell_bounds(
         *state,
         speeds,
         accelerations,
@@ -98,7 +98,7 @@ def cell_danger(
         moving.lead * rates,
         (enough if field.aggregate == "max" else -np.inf) / (field.k1 * weights),
     )
-    return CellDanger(moving, field.k1 * level, moving.k2 * push)
+    return CellDanger(moving, field.k1 * level, moving.k2 * increase)
 
 
 def danger_cap(

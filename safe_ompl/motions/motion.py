@@ -319,10 +319,10 @@ class Motion:
             # Velocities at centres are those of the polynomials.
             rough[1] = np.maximum(rough[1], rough[0] / (np.diff(edges)[:, None] / 2))
             low, high = low - rough, high + rough
-        swings = np.maximum(np.abs(low[2]), np.abs(high[2]))
+        d3q_ds3 = np.maximum(np.abs(low[2]), np.abs(high[2]))
         # Sums of lengths are rounded: a knot is the edge that is nearest.
         stops = np.searchsorted((edges[1:] + edges[:-1]) / 2, self.times[self.rests])
-        return Cells(edges, Boxes(low[0], high[0], low[1], high[1]), swings, stops)
+        return Cells(edges, Boxes(low[0], high[0], low[1], high[1]), d3q_ds3, stops)
 
     @cached_property
     def rests(self) -> IntArray:

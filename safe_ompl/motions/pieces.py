@@ -96,8 +96,8 @@ class PieceProof(NamedTuple):
         if distance <= 0.0 or least <= _TOUCHING:
             return given
         # What the tube and the allowance of the piece add is no limit that somebody has set.
-        limit = float(replace(self.proof.separation, tube=()).required(checker).least[worst])
-        return {**given, "kind": "clearance", "limit": limit or None, "nearer": least - limit}
+        asked = float(replace(self.proof.separation, tube=()).required(checker).least[worst])
+        return {**given, "kind": "clearance", "limit": asked or None, "nearer": least - asked}
 
 
 def piece_proofs(motion: Motion, proof: MotionProver) -> Iterator[PieceProof]:

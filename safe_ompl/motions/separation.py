@@ -96,5 +96,5 @@ class PeopleDistances:
         lost = np.divide(moved, self.speeds, out=zeros.copy(), where=self.speeds > 0)
         if self.contact is None:
             return SeparationBounds(distances, times, self.moving[nearest], lost, zeros, zeros > 0)
-        borne, free = (s.min(axis=1) for s in self.contact.speeds(Q, cells.sizes, cells.slopes, speeds))
+        borne, free = (s.min(axis=1) for s in self.contact.speeds(Q, cells.sizes, cells.dq_ds, speeds))
         return SeparationBounds(distances, times, self.moving[nearest], lost, borne, borne < free)

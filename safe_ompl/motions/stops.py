@@ -85,12 +85,12 @@ class Stops:
         begin = float(np.clip(time, edges[0], edges[-1]))
         j = int(np.clip(np.searchsorted(edges, begin, side="right") - 1, 0, len(self.cells) - 1))
         end = int(self.cells.last_before_stop[j])
-        squares = braking_squares(j + 1, end, self.cells.sizes, self.cells.boxes, self.accelerations)
-        at = edges[j + 1 : j + 1 + len(squares)].copy()
-        if squares[-1] < 0.0:
-            at[-1] -= np.diff(at[-2:])[0] * squares[-1] / (squares[-1] - squares[-2])
-            squares[-1] = 0.0
-        return TimeLaw.through(np.append(begin, at), np.append(1.0, squares))
+        squared_speeds = braking_squares(j + 1, end, self.cells.sizes, self.cells.boxes, self.accelerations)
+        at = edges[j + 1 : j + 1 + len(squared_speeds)].copy()
+        if squared_speeds[-1] < 0.0:
+            at[-1] -= np.diff(at[-2:])[0] * squared_speeds[-1] / (squared_speeds[-1] - squared_speeds[-2])
+            squared_speeds[-1] = 0.0
+        return TimeLaw.through(np.append(begin, at), np.append(1.0, squared_speeds))
 
 
 def stops_beside(
@@ -104,7 +104,7 @@ def stops_beside(
         spans = time_left(*braked, none, none)[-1]
         soon = float(spans.max())
         found = distances.along(motion, cells, bodies, soon, soon)
-        still = np.asarray((cells.slopes <= RATE_TOLERANCE[1]).all(axis=1))
+        still = np.asarray((cells.dq_ds <= RATE_TOLERANCE[1]).all(axis=1))
         times = np.where(still[:, None], np.inf, found.times)
         left, limb, where, entries, _ = time_left(*braked, times, found.harmless)
         loss = found.lost[where, limb] + cells.sizes + 2 * cells.sizes[where]

@@ -39,17 +39,18 @@ _TIGHTER, _WIDER = 1 - 1e-9, 1 + 1e-9
 class TimeLaw:
     """Arc length by time: constant s̈ in every cell of a motion.
 
-    Of the grid points (N + 1,): `edges`, arc lengths; `squares`, x = ṡ² [rad²/s²]; `times`, when they are reached [s].
+    Of the grid points (N + 1,): `edges`, arc lengths; `squared_speeds`, x = ṡ² [rad²/s²]; `times`, when the law reaches
+    them [s].
     """
 
     edges: FloatArray
-    squares: FloatArray
+    squared_speeds: FloatArray
     times: FloatArray
 
     @classmethod
-    def through(cls, edges: FloatArray, squares: FloatArray) -> TimeLaw:
+    def through(cls, edges: FloatArray, squared_speeds: FloatArray) -> TimeLaw:
         """Return the law with these ṡ² at the grid points; a cell takes 2h/(ṡ_start + ṡ_end)."""
-        return cls(edges, squares, np.concatenate([[0.0], np.cumsum(_spans(edges, squares))]))
+        return cls(edges, squared_speeds, np.concatenate([[0.0], np.cumsum(_spans(edges, squared_speeds))]))
 
     @property
     def duration(self) -> float:
@@ -62,29 +63,29 @@ class TimeLaw:
         return self.times
 
     @property
-    def pushes(self) -> FloatArray:
+    def accelerations(self) -> FloatArray:
         """s̈ (N,) in the cells [rad/s²]."""
         sizes = np.diff(self.edges)
-        return np.divide(np.diff(self.squares), 2 * sizes, out=np.zeros(len(sizes)), where=sizes > 0)
+        return np.divide(np.diff(self.squared_speeds), 2 * sizes, out=np.zeros(len(sizes)), where=sizes > 0)
 
     def rates_between(self, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the least and the largest ṡ (C,) between arc lengths `edges: (C + 1,)`, grid points among them."""
-        ends = np.sqrt(np.interp(edges, self.edges, self.squares))
+        ends = np.sqrt(np.interp(edges, self.edges, self.squared_speeds))
         return np.minimum(ends[:-1], ends[1:]), np.maximum(ends[:-1], ends[1:])
 
     def at(self, t: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
         """Return cell, s, ṡ and s̈ (T,) at times `t: (T,)` [s]; at rest before the start and after the end."""
         cell: IntArray = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.edges) - 2)
         since = np.clip(t, 0.0, self.duration) - self.times[cell]
-        push, begin = self.pushes[cell], np.sqrt(self.squares[cell])
-        rate = begin + push * since
+        acceleration, begin = self.accelerations[cell], np.sqrt(self.squared_speeds[cell])
+        rate = begin + acceleration * since
         s = self.edges[cell] + since * (begin + rate) / 2
         outside = (t < 0) | (t > self.duration)
         return (
             cell,
             np.clip(s, self.edges[cell], self.edges[cell + 1]),
             np.where(outside, 0.0, np.maximum(rate, 0.0)),
-            np.where(outside, 0.0, push),
+            np.where(outside, 0.0, acceleration),
         )
 
     def planned(self, time: float) -> tuple[int, float, float]:
@@ -92,34 +93,37 @@ class TimeLaw:
         cell, s, rate, _ = (x[0] for x in self.at(np.array([time])))
         return int(cell), float(s), float(rate)
 
-    def stopped(self, time: float, edges: FloatArray, squares: FloatArray) -> TimeLaw:
+    def stopped(self, time: float, edges: FloatArray, squared_speeds: FloatArray) -> TimeLaw:
         """Return the law from a time [s] on that goes on with these ṡ² at grid points, from where it is."""
-        return TimeLaw.through(edges, squares)
+        return TimeLaw.through(edges, squared_speeds)
 
 
-def _spans(edges: FloatArray, squares: FloatArray) -> FloatArray:
+def _spans(edges: FloatArray, squared_speeds: FloatArray) -> FloatArray:
     """Return how long the cells (N,) take."""
-    speeds = np.sqrt(squares)
+    speeds = np.sqrt(squared_speeds)
     sizes, both = np.diff(edges), speeds[:-1] + speeds[1:]
     return np.asarray(np.divide(2 * sizes, both, out=np.zeros(len(sizes)), where=sizes > 0))
 
 
 def velocity_cap(cells: Cells, limits: RateLimits) -> FloatArray:
     """Return the largest ṡ (N,) of each cell that keeps the joints' velocities: min_i limit_i/max|q′_i|."""
-    slopes = cells.slopes
+    dq_ds = cells.dq_ds
     with np.errstate(divide="ignore"):
-        return np.asarray(np.where(slopes > 0, limits.velocity / slopes, np.inf).min(axis=1))
+        return np.asarray(np.where(dq_ds > 0, limits.velocity / dq_ds, np.inf).min(axis=1))
 
 
-def fastest_law(cells: Cells, acceleration: FloatArray, cap: FloatArray, push: FloatArray | None = None) -> FloatArray:
+def fastest_law(
+    cells: Cells, acceleration: FloatArray, cap: FloatArray, path_acceleration: FloatArray | None = None
+) -> FloatArray:
     """Return ṡ² (N+1,) of the fastest law within accelerations (n,) of the joints and a `cap: (N,)` of ṡ in each cell.
 
-    The cap is no larger than velocities of the joints allow. |s̈| keeps to `push: (N,)` in each cell, if it is given.
+    The cap is no larger than velocities of the joints allow. |s̈| keeps to `path_acceleration: (N,)` in
+    each cell, if it is given.
     """
     boxes = cells.boxes
-    if push is not None:
-        # The bound of s̈ is that of one joint more, whose q′ is 1/push and whose limit is 1.
-        more = 1 / push[:, None]
+    if path_acceleration is not None:
+        # The bound of s̈ is that of one joint more, whose q′ is 1/path_acceleration and whose limit is 1.
+        more = 1 / path_acceleration[:, None]
         boxes = Boxes(*(np.column_stack([box, k * more]) for box, k in zip(boxes, (1, 1, 0, 0), strict=True)))
         acceleration = np.append(acceleration, 1.0) * _TIGHTER
     within = cap * cap
@@ -133,33 +137,34 @@ def fastest_law(cells: Cells, acceleration: FloatArray, cap: FloatArray, push: F
 
 @dataclass(frozen=True)
 class SmoothLaw(TimeLaw):
-    """The average of a plan over a window w [s]; see the module. `squares` and `times` are those of the average.
+    """The average of a plan over a window w [s]; see the module. `squared_speeds` and `times` are those of the average.
 
-    Of the plan at the grid points (N + 1,): `plan_squares`, σ̇²; `arrivals` and `leaves`, when it comes and goes [s].
+    Of the plan at the grid points (N + 1,): `plan_squared_speeds`, σ̇²; `arrivals` and `leaves`, when the plan comes and
+    goes [s].
     """
 
     window: float
-    plan_squares: FloatArray
+    plan_squared_speeds: FloatArray
     arrivals: FloatArray
     leaves: FloatArray
 
     @classmethod
-    def averaged(cls, edges: FloatArray, squares: FloatArray, stops: IntArray, window: float) -> SmoothLaw:
+    def averaged(cls, edges: FloatArray, squared_speeds: FloatArray, stops: IntArray, window: float) -> SmoothLaw:
         """Return the average of the plan with these σ̇² at the grid points, of which `stops` are waited in."""
         waits = np.zeros(len(edges))
         waits[stops] = window
-        leaves = np.concatenate([[0.0], np.cumsum(_spans(edges, squares) + waits[1:])])
-        return cls._of(edges, window, squares, leaves - waits, leaves)
+        leaves = np.concatenate([[0.0], np.cumsum(_spans(edges, squared_speeds) + waits[1:])])
+        return cls._of(edges, window, squared_speeds, leaves - waits, leaves)
 
     @classmethod
     def _of(
-        cls, edges: FloatArray, window: float, squares: FloatArray, arrivals: FloatArray, leaves: FloatArray
+        cls, edges: FloatArray, window: float, squared_speeds: FloatArray, arrivals: FloatArray, leaves: FloatArray
     ) -> SmoothLaw:
         times = np.append(leaves[:-1], arrivals[-1] + window)
-        law = cls(edges, np.zeros(len(edges)), times, window, squares, arrivals, leaves)
+        law = cls(edges, np.zeros(len(edges)), times, window, squared_speeds, arrivals, leaves)
         passed = law._passed(edges)
         times = np.where((leaves > arrivals) | (edges == edges[0]) | (edges == edges[-1]), times, passed)
-        return replace(law, times=times, squares=law.at(times)[2] ** 2)
+        return replace(law, times=times, squared_speeds=law.at(times)[2] ** 2)
 
     @property
     def duration(self) -> float:
@@ -175,21 +180,21 @@ class SmoothLaw(TimeLaw):
     def rates_between(self, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return bounds of ṡ; as `TimeLaw`, but not exact."""
         times = np.maximum.accumulate(self._passed(edges))
-        ends, more = self.at(times)[2], np.diff(times) / 2 * np.abs(self._pushes).max()
+        ends, more = self.at(times)[2], np.diff(times) / 2 * np.abs(self._accelerations).max()
         low = np.minimum(ends[:-1], ends[1:]) - more
         return np.maximum(low, 0.0), np.maximum(ends[:-1], ends[1:]) + more
 
     def at(self, t: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
         """Return cell, s, ṡ and s̈ (T,) at times `t: (T,)` [s]; at rest before the start and after the end."""
         now, before = self._plan(t), self._plan(t - self.window)
-        place, rate, push = ((a - b) / self.window for a, b in zip(now[:3], before[:3], strict=True))
+        place, rate, acceleration = ((a - b) / self.window for a, b in zip(now[:3], before[:3], strict=True))
         last: IntArray = np.searchsorted(self.leaves, t, side="right") - 1
         first: IntArray = np.searchsorted(self.arrivals, t - self.window, side="right") - 1
         cell = np.searchsorted(self.edges, place, side="right") - 1
         cell = np.clip(np.clip(cell, first, np.maximum(last, first)), 0, len(self.edges) - 2)
         s = np.clip(place, self.edges[cell], self.edges[cell + 1])
         outside = (t < 0) | (t > self.duration)
-        return cell, s, np.where(outside, 0.0, np.maximum(rate, 0.0)), np.where(outside, 0.0, push)
+        return cell, s, np.where(outside, 0.0, np.maximum(rate, 0.0)), np.where(outside, 0.0, acceleration)
 
     def jerks(self, t: FloatArray) -> FloatArray:
         """Return s⃛ (T,) at times `t: (T,)` [s]."""
@@ -201,17 +206,17 @@ class SmoothLaw(TimeLaw):
         _, place, rate, _ = (float(x[0]) for x in self._plan(np.array([time])))
         return int(self._cell(np.array([time]))[0]), place, rate
 
-    def stopped(self, time: float, edges: FloatArray, squares: FloatArray) -> SmoothLaw:
+    def stopped(self, time: float, edges: FloatArray, squared_speeds: FloatArray) -> SmoothLaw:
         """Return the law from a time [s] on whose plan goes on with these σ̇²; as `TimeLaw`."""
         first, last = self._cell(np.array([time - self.window, time]))
         past = np.s_[first : last + 1]
         if self.arrivals[last + 1] <= time:  # it stands
-            past, edges, squares = np.s_[first : last + 2], edges[:0], squares[:0]
-        after = np.concatenate([[0.0], np.cumsum(_spans(edges, squares))])[: len(edges)]
+            past, edges, squared_speeds = np.s_[first : last + 2], edges[:0], squared_speeds[:0]
+        after = np.concatenate([[0.0], np.cumsum(_spans(edges, squared_speeds))])[: len(edges)]
         return SmoothLaw._of(
             np.concatenate([self.edges[past], edges]),
             self.window,
-            np.concatenate([self.plan_squares[past], squares]),
+            np.concatenate([self.plan_squared_speeds[past], squared_speeds]),
             np.concatenate([self.arrivals[past] - time, after]),
             np.concatenate([self.leaves[past] - time, after]),
         )
@@ -223,25 +228,25 @@ class SmoothLaw(TimeLaw):
     def _plan(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return ∫σ, σ, σ̇ and σ̈ (T,) of the plan at times."""
         cell = self._cell(t)
-        begin, push = np.sqrt(self.plan_squares[cell]), self._pushes[cell]
+        begin, acceleration = np.sqrt(self.plan_squared_speeds[cell]), self._accelerations[cell]
         since, end = t - self.leaves[cell], self.arrivals[cell + 1] - self.leaves[cell]
         inside = np.clip(since, 0.0, end)
-        place = self.edges[cell] + inside * (begin + inside * push / 2)
-        area = self._areas[cell] + inside * (self.edges[cell] + inside * (begin / 2 + inside * push / 6))
+        place = self.edges[cell] + inside * (begin + inside * acceleration / 2)
+        area = self._areas[cell] + inside * (self.edges[cell] + inside * (begin / 2 + inside * acceleration / 6))
         area += np.minimum(since, 0.0) * self.edges[cell] + np.maximum(since - end, 0.0) * self.edges[cell + 1]
         moves = (t >= self.leaves[cell]) & (t < self.arrivals[cell + 1])
-        return area, place, np.where(moves, begin + inside * push, 0.0), np.where(moves, push, 0.0)
+        return area, place, np.where(moves, begin + inside * acceleration, 0.0), np.where(moves, acceleration, 0.0)
 
     @cached_property
-    def _pushes(self) -> FloatArray:
-        return TimeLaw(self.edges, self.plan_squares, self.arrivals).pushes
+    def _accelerations(self) -> FloatArray:
+        return TimeLaw(self.edges, self.plan_squared_speeds, self.arrivals).accelerations
 
     @cached_property
     def _areas(self) -> FloatArray:
         """∫σ (N + 1,) up to when the plan leaves the grid points."""
         spans, waits = self.arrivals[1:] - self.leaves[:-1], (self.leaves - self.arrivals)[1:]
-        begin = np.sqrt(self.plan_squares[:-1])
-        cells = spans * (self.edges[:-1] + spans * (begin / 2 + spans * self._pushes / 6))
+        begin = np.sqrt(self.plan_squared_speeds[:-1])
+        cells = spans * (self.edges[:-1] + spans * (begin / 2 + spans * self._accelerations / 6))
         return np.concatenate([[0.0], np.cumsum(cells + waits * self.edges[1:])])
 
     def _passed(self, s: FloatArray) -> FloatArray:
@@ -260,13 +265,13 @@ class SmoothLimits:
     """What plans keep to whose average over a window [s] keeps the limits of joints, in every cell; see the module.
 
     The boxes of q′ and q″ of its `cells` hold those of all cells within reach, and 0 for q″. ṡ keeps to c of `caps`,
-    |σ̈| to A, `pushes`; by B, `brakes`, a stop may decelerate.
+    |σ̈| to A, `accelerations`; by B, `brakes`, a stop may decelerate.
     """
 
     window: float
     cells: Cells
     caps: FloatArray
-    pushes: FloatArray
+    accelerations: FloatArray
     brakes: FloatArray
 
     @classmethod
@@ -287,16 +292,16 @@ class SmoothLimits:
         assert limits.jerk is not None
         usual, braking = (_BENDS_BESIDE_PEOPLE, BRAKING) if stops else (BENDS, 0.5)
         share = usual if share is None else share
-        bends = cells.bends
+        d2q_ds2 = cells.d2q_ds2
         with np.errstate(divide="ignore"):
-            caps = np.minimum(caps, np.cbrt((share * limits.jerk / cells.swings).min(axis=1)))
-            caps = np.minimum(caps, np.sqrt((limits.acceleration / bends).min(axis=1)))
-            left = limits.jerk * np.where(cells.swings > 0, 1 - share, 1.0)
-            span = (left / (cells.slopes / window + 3 * bends * (braking * caps)[:, None])).min(axis=1)
+            caps = np.minimum(caps, np.cbrt((share * limits.jerk / cells.d3q_ds3).min(axis=1)))
+            caps = np.minimum(caps, np.sqrt((limits.acceleration / d2q_ds2).min(axis=1)))
+            left = limits.jerk * np.where(cells.d3q_ds3 > 0, 1 - share, 1.0)
+            span = (left / (cells.dq_ds / window + 3 * d2q_ds2 * (braking * caps)[:, None])).min(axis=1)
         span = np.minimum(span, np.linalg.norm(limits.acceleration) / braking)[:, None]  # of σ̈
-        slope_low, slope_high, bend_low, bend_high = cells.boxes
-        low, high = np.minimum(bend_low, 0.0), np.maximum(bend_high, 0.0)
-        values = np.column_stack([slope_low, -slope_high, low, -high, span])
+        dq_ds_low, dq_ds_high, d2q_ds2_low, d2q_ds2_high = cells.boxes
+        low, high = np.minimum(d2q_ds2_low, 0.0), np.maximum(d2q_ds2_high, 0.0)
+        values = np.column_stack([dq_ds_low, -dq_ds_high, low, -high, span])
         near = spread(cells.edges, _WIDER * window / 2 * caps, cells.stops, values, np.inf)
         parts = zip((1, -1, 1, -1), np.split(near[:, :-1], 4, axis=1), strict=True)
         wide = replace(cells, boxes=Boxes(*(sign * part for sign, part in parts)))
@@ -312,7 +317,7 @@ class SmoothLimits:
     def plan(self, limits: RateLimits, caps: FloatArray) -> FloatArray:
         """Return σ̇² (N + 1,) of the fastest plan, with ṡ ≤ `caps: (N,)` besides."""
         caps = self.cone(np.minimum(caps, self.caps))
-        return fastest_law(self.cells, limits.acceleration, caps, push=self.pushes)
+        return fastest_law(self.cells, limits.acceleration, caps, self.accelerations)
 
     def law(self, limits: RateLimits, caps: FloatArray) -> SmoothLaw:
         """Return the average of that plan."""
@@ -324,16 +329,16 @@ def best_window(cells: Cells, limits: RateLimits, caps: FloatArray, times: Float
     assert limits.jerk is not None
     stops = times is not None
     with np.errstate(divide="ignore"):
-        pushes = (limits.acceleration / cells.slopes).min(axis=1)
-    pushes = np.minimum(pushes, np.linalg.norm(limits.acceleration))
-    window = max(_LONGEST * float((cells.slopes * pushes[:, None] / limits.jerk).max()), _SHORTEST)
+        accelerations = (limits.acceleration / cells.dq_ds).min(axis=1)
+    accelerations = np.minimum(accelerations, np.linalg.norm(limits.acceleration))
+    window = max(_LONGEST * float((cells.dq_ds * accelerations[:, None] / limits.jerk).max()), _SHORTEST)
     best, least, worse = window, np.inf, 0
     for _ in range(_WINDOWS):
         smooth = SmoothLimits.of(cells, limits, caps, window, stops=stops)
         speeds, duration = caps, np.inf
         if times is not None:
             left = np.maximum(times.min(axis=1) - window, 0.0)
-            speeds = np.minimum(caps, np.minimum(smooth.brakes, pushes) * left)
+            speeds = np.minimum(caps, np.minimum(smooth.brakes, accelerations) * left)
         if speeds.min() > 0:
             spans = _spans(cells.edges, smooth.plan(limits, speeds))
             duration = float(spans.sum()) + window * (len(cells.stops) + 1)

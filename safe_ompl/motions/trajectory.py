@@ -131,8 +131,8 @@ class Trajectory:
 
         Where the acceleration jumps, between two cells, that of the later one. An InputError if a time is no number.
         """
-        _, place, rate, push = self._places(time)
-        state = State(place.q, place.dq_ds * rate, place.dq_ds * push + place.d2q_ds2 * (rate * rate))
+        _, place, rate, acceleration = self._places(time)
+        state = State(place.q, place.dq_ds * rate, place.dq_ds * acceleration + place.d2q_ds2 * (rate * rate))
         return state if np.ndim(time) else State(*(values[0] for values in state))
 
     def jerks_at(self, time: float | ArrayLike) -> FloatArray:
@@ -142,9 +142,9 @@ class Trajectory:
         """
         if not isinstance(self.law, SmoothLaw):
             raise InputError("the jerk of the trajectory is not limited: give RateLimits a jerk")
-        times, place, rate, push = self._places(time)
+        times, place, rate, acceleration = self._places(time)
         jerk = self.law.jerks(times)[:, None]
-        jerks: FloatArray = place.d3q_ds3 * rate**3 + 3 * place.d2q_ds2 * rate * push + place.dq_ds * jerk
+        jerks: FloatArray = place.d3q_ds3 * rate**3 + 3 * place.d2q_ds2 * rate * acceleration + place.dq_ds * jerk
         return jerks if np.ndim(time) else jerks[0]
 
     def _places(self, time: float | ArrayLike) -> tuple[FloatArray, CurvePoints, FloatArray, FloatArray]:
@@ -152,10 +152,10 @@ class Trajectory:
         times = np.atleast_1d(float_array(time, (None,) if np.ndim(time) else (), "time"))
         if np.isnan(times).any():
             raise InputError("time must be a number of seconds, got nan")
-        cell, s, rate, push = self.law.at(times)
+        cell, s, rate, acceleration = self.law.at(times)
         edges = self.law.edges
         place = self.curve.places(s, self.curve.piece_at((edges[cell] + edges[cell + 1]) / 2))
-        return times, place, rate[:, None], push[:, None]
+        return times, place, rate[:, None], acceleration[:, None]
 
     def points(self, rate: float = RATE) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Return times (T,) [s], and positions and velocities then, (T, n), as controllers take them.
@@ -195,16 +195,16 @@ class Trajectory:
         brakes = np.minimum.accumulate(self.brakes[cell:])
         free = np.full(len(brakes) + 1, np.inf)
         # Full braking from the beginning of a tick of no length on.
-        _, edges, squares, _ = drive(self.law.edges[cell:], free[1:], brakes, free, at, rate * rate, -1.0, 0.0)
+        _, edges, squared_speeds, _ = drive(self.law.edges[cell:], free[1:], brakes, free, at, rate * rate, -1.0, 0.0)
         if len(edges) == 1:  # it stands already
-            edges, squares = edges.repeat(2), np.zeros(2)
-        law = self.law.stopped(begin, edges, squares)
+            edges, squared_speeds = edges.repeat(2), np.zeros(2)
+        law = self.law.stopped(begin, edges, squared_speeds)
         return Trajectory(self.curve, law, self.limits)
 
     def binding(self) -> tuple[str | None, ...]:
         """Return for each cell the name of the cap that its speed reaches, if any; elsewhere accelerations bind."""
-        squares = self.law.plan_squares if isinstance(self.law, SmoothLaw) else self.law.squares
-        fastest = np.sqrt(np.maximum(squares[1:], squares[:-1]))
+        squared_speeds = self.law.plan_squared_speeds if isinstance(self.law, SmoothLaw) else self.law.squared_speeds
+        fastest = np.sqrt(np.maximum(squared_speeds[1:], squared_speeds[:-1]))
         names: list[str | None] = [None] * len(fastest)
         least = np.min([cap.speeds for cap in self.caps], axis=0, initial=np.inf)
         for cap in self.caps:

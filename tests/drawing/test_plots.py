@@ -93,7 +93,7 @@ def test_speed_and_what_binds_it(trajectory, tmp_path):
     assert (tmp_path / "motion.png").stat().st_size > 10_000
     lines = {line.get_label(): line for line in speed.lines}
     whole, bound = lines[ACCELERATION].get_ydata(), lines["tool speed"].get_ydata()
-    highest = np.sqrt(trajectory.law.squares.max())
+    highest = np.sqrt(trajectory.law.squared_speeds.max())
     assert np.nanmax([whole, bound]) == pytest.approx(highest, rel=1e-2)
     assert 0 < np.isfinite(bound).mean() < 1
     assert np.isfinite(np.fmax(whole, bound)).all()  # each piece in the colour of what binds there

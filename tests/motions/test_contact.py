@@ -21,7 +21,7 @@ def cells_of(robot, path, step=0.05):
 
 def speeds_of(limits, robot, curve, cells, bodies):
     moving = [k for k, body in enumerate(robot.collision_model.geometryObjects) if body.parentJoint]
-    return limits.speeds(curve.places(cells.centres).q, cells.sizes, cells.slopes, bodies[:, moving])
+    return limits.speeds(curve.places(cells.centres).q, cells.sizes, cells.dq_ds, bodies[:, moving])
 
 
 class Adversary:

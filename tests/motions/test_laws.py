@@ -124,7 +124,7 @@ def test_any_caps_are_kept(panda):
         assert abs(law.jerks(t)).max() <= 60.0 * 7**0.5 * (1 + 1e-9)
         assert (np.diff(s) >= -1e-12).all()
         assert s[-1] == pytest.approx(2.0)
-        assert np.sqrt(law.squares[[0, -1]]) == pytest.approx(0, abs=1e-9)
+        assert np.sqrt(law.squared_speeds[[0, -1]]) == pytest.approx(0, abs=1e-9)
         low, high = law.rates_between(np.sort(np.concatenate([cells.edges, cells.centres])))
         part = np.minimum((s / 0.01).astype(int), len(low) - 1)
         assert (low[part] - 1e-6 <= speed).all()
@@ -152,7 +152,7 @@ def test_blends_stay_within_the_tolerance_and_their_boxes(panda, shelf_path, she
     np.testing.assert_allclose((after.q - before.q) / (2 * step), now.dq_ds, atol=1e-5)
     cells = curve.cells(0.05, 0.4)
     at = np.clip(np.searchsorted(cells.edges, s) - 1, 0, None)
-    boxes = (*cells.boxes, -cells.swings, cells.swings)
+    boxes = (*cells.boxes, -cells.d3q_ds3, cells.d3q_ds3)
     for values, low, high in zip(on[1 : 2 + 2 * jerk], boxes[::2], boxes[1::2], strict=False):
         assert (values >= low[at] - 1e-9).all()
         assert (values <= high[at] + 1e-9).all()
@@ -205,7 +205,7 @@ def test_without_proof_it_stops_in_corners_and_a_way_point_on_the_way_is_none(pa
     assert "stops in 1 of 2 corners" in caplog.text
     assert len(trajectory.curve.corners) == 1
     way_point, corner = np.searchsorted(trajectory.law.edges, [0.3 - 1e-9, 0.6 - 1e-9])
-    assert trajectory.law.squares[way_point] > trajectory.law.squares[corner] == 0
+    assert trajectory.law.squared_speeds[way_point] > trajectory.law.squared_speeds[corner] == 0
 
 
 def test_corners_that_hardly_turn(panda, shelf_path, shelf_motion, panda_limits):

@@ -59,7 +59,7 @@ def test_boxes_of_cells_hold_all_derivatives_and_no_more_than_they_must(seed, ti
         motion = Motion(motion.times, motion.coefficients, timed=timed)
         edges = np.union1d(motion.times, rng.uniform(motion.times[0], motion.times[-1], 200))
         cells = motion.between(edges)
-        boxes = (*cells.boxes, -cells.swings, cells.swings)
+        boxes = (*cells.boxes, -cells.d3q_ds3, cells.d3q_ds3)
         s = edges[:-1] + rng.uniform(0.01, 0.99, len(cells)) * cells.sizes
         for order, (found, low, high) in enumerate(zip(motion.places(s)[1:], boxes[::2], boxes[1::2], strict=True), 1):
             expected = motion.derivative(s, order)

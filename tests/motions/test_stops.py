@@ -99,7 +99,7 @@ def test_stops_stay_on_the_motion_within_its_panda_limits_and_end_at_rest(panda,
         qdd = motion.derivative(at, 2) * rate[:, None] ** 2 + motion.derivative(at) * push[:, None]
         assert (np.abs(qd) <= panda_limits.velocity * (1 + 1e-6)).all()
         assert (np.abs(qdd) <= panda_limits.acceleration * (1 + 2e-6)).all()
-        end, last = law.edges[-1], np.sqrt(law.squares[-1])
+        end, last = law.edges[-1], np.sqrt(law.squared_speeds[-1])
         assert np.abs(motion.derivative(end) * last).max() < 1e-6
 
 

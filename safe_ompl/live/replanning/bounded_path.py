@@ -488,7 +488,7 @@ class BoundedPath:
             sizes = self.edges[new + 1] - self.edges[new]
             Q = self.curve.at(self.edges[new] + 0.5 * sizes)
             bodies = 2 * self.frames.travel[new] / sizes[:, None]
-            most[new], free[new] = np.square(contact.speeds(Q, sizes, self.cells.slopes[new], bodies))
+            most[new], free[new] = np.square(contact.speeds(Q, sizes, self.cells.dq_ds[new], bodies))
         return most, free
 
     def pace(self, around: Around, tick: float) -> tuple[FloatArray, float]:

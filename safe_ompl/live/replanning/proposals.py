@@ -102,8 +102,8 @@ def proposed_cap(cells: Cells, limits: RateLimits) -> FloatArray:
     It is |q″|ṡ² ≤ a − b|q′|, b the least braking, or |q″|ṡ² ≤ a/2, whichever allows more: with the latter a/2|q′| is
     left, and that is no less than b where no joint is faster than its limit.
     """
-    room = limits.acceleration - least_brake(limits) * cells.slopes
-    squares = np.divide(room, cells.bends, out=np.full_like(room, np.inf), where=cells.bends > 0)
+    room = limits.acceleration - least_brake(limits) * cells.dq_ds
+    squares = np.divide(room, cells.d2q_ds2, out=np.full_like(room, np.inf), where=cells.d2q_ds2 > 0)
     fastest = np.sqrt(np.maximum(squares.min(axis=1), 0.0))
     return np.asarray(np.minimum(1.0, np.maximum(fastest, bending_cap(cells, limits))))
 
