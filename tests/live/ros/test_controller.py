@@ -363,3 +363,17 @@ def test_ticks_compile_nothing(shield):
     own = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=own)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("shield", [False, True])
+def test_a_robot_slightly_outside_its_limits_is_driven_from_the_limit(shield, caplog):
+    """By at most 0.05 rad, which the controller's own tolerance allows; farther outside nothing is planned."""
+    cell, start = panda(shield), np.array(START)
+    start[5] = cell.robot.upper[5] + 0.04
+    pilot = cell.plan(start, np.array(GOAL), None)
+    pilot.update({}, {}, 0.0)
+    assert pilot.command(0.0).at(0.0).q[5] == cell.robot.upper[5]
+    assert "joint 'panda_joint6' = 3.7925 is outside its limit 3.7525" in caplog.text
+    start[5] += 0.02
+    with pytest.raises(InputError, match=r"'panda_joint6' = 3\.8125 is outside its limits"):
+        cell.plan(start, np.array(GOAL), None)
