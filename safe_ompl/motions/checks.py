@@ -143,7 +143,7 @@ def check(
 
 
 # What processes send of a check: little, so that it takes little time.
-_Told = tuple[Motion, tuple[str, ...], tuple[Violation, ...], RateLimits | None]
+_CheckParts = tuple[Motion, tuple[str, ...], tuple[Violation, ...], RateLimits | None]
 
 
 def check_many(
@@ -164,23 +164,22 @@ def check_many(
     """
     proof, given = _proof(robot, scene, **wanted), list(motions)
 
-    def found(some: range) -> list[_Told]:
-        told = list[_Told]()
+    def found(some: range) -> list[_CheckParts]:
+        checks = list[_CheckParts]()
         for k in some:
             with document.within(f"motion {k}", ": "):
                 check = check_with(given[k], proof, limits, people)
-            told.append((check.motion, check.claims, check.violations, check.limits))
-        return told
+            checks.append((check.motion, check.claims, check.violations, check.limits))
+        return checks
 
-    def lost(some: range, words: str) -> list[_Told]:
+    def lost(some: range, words: str) -> list[_CheckParts]:
         raise PlanningError(f"the check of motions {some.start} to {some.stop - 1} was lost: {words}")
 
     parts = [range(k, min(k + _TOGETHER, len(given))) for k in range(0, len(given), _TOGETHER)]
-    parts_told = in_order(found, parts, workers, lost)
     return [
         MotionCheck(motion, claims, violations, proof, rates, people)
-        for told in parts_told
-        for motion, claims, violations, rates in told
+        for checks in in_order(found, parts, workers, lost)
+        for motion, claims, violations, rates in checks
     ]
 
 

@@ -70,9 +70,9 @@ class Violation:
         return value, limit
 
     def __str__(self) -> str:
-        return self.told(f"{self.at:.4g} s")
+        return self.in_words(f"{self.at:.4g} s")
 
-    def told(self, at: str) -> str:
+    def in_words(self, at: str) -> str:
         """Return what it is in a line; where says `at`, with its unit."""
         value, limit = self.quantities
         names = " and ".join(map(repr, self.names))

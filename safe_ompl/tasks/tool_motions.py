@@ -295,7 +295,7 @@ class _LadderSearch:
         check = check_with(motion, self._prover)
         if not check:
             worst = check.violations[0]
-            return replace(made, check=check, why=worst.told(f"{1e3 * worst.at:.0f} mm"))
+            return replace(made, check=check, why=worst.in_words(f"{1e3 * worst.at:.0f} mm"))
         samples = motion.at(np.linspace(0.0, self.path.length, 101))
         dangers = np.full(1, np.nan) if self._field is None else self._field.values(samples)
         return replace(

@@ -119,7 +119,7 @@ class ReplanningOptions(Section):
     tick: float = key(number, default=0.05, above=0.0, kind="number of seconds")
     # A person or object that is not seen for so long is lost: the robot stops [s]
     lost_after: float = key(number, default=0.5, above=0.0)
-    # The robot is where it is told to be by so much later at the latest, and may still move then [s]
+    # The robot is where it should be by so much later at the latest, and may still move then [s]
     lag: float = key(number, default=0.0, at_least=0.0)
     # Of joints, tool and links, for a `Shield`; default: those of the robot's joints. A `Replanner` keeps the limits
     # of its trajectories.
