@@ -64,7 +64,7 @@ from safe_ompl import (
     verify,
 )
 from safe_ompl.certificates import motion_certificate, program_certificate, terms_of
-from safe_ompl.certificates.verifier.verify import Terms, Verified
+from safe_ompl.certificates.verifier.verify import AskedTerms, Verified
 from safe_ompl.collision import Separation
 from safe_ompl.io.problems import built_robot
 from safe_ompl.io.schema import digest
@@ -113,7 +113,7 @@ class Case:
     content: dict[str, Any]
     robot: Robot
     scene: Scene
-    terms: Terms
+    terms: AskedTerms
     reissue: Callable[[Robot, Scene], dict[str, Any]]
 
     def judge(self) -> Judge:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.certificates.claims import Certificate, ClaimedClearance, ClaimedObstacles, ClaimedStretch, ClaimedTool
 from safe_ompl.certificates.verifier.program import RecordedCell
-from safe_ompl.certificates.verifier.verify import Terms, verify
+from safe_ompl.certificates.verifier.verify import AskedTerms, verify
 from safe_ompl.collision import (
     CollisionChecker,
     MinClearance,
@@ -449,7 +449,7 @@ def _check_same(robot: Robot, scene: Scene, check: MotionCheck, number: int) -> 
         raise PlanningError(f"the stretches are proven, but not one program: stretch {number}: {why}")
 
 
-def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
+def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> AskedTerms:
     """Return what claims about a scenario must agree with: its options of the danger, its limits, its people.
 
     The robot is its own, or one that takes its place. The limits of its joints need not be known if no motion in time
@@ -463,9 +463,9 @@ def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
         spacing = options.pop("spacing", scene.spacing)
         danger = _kind(DangerField(robot, [[0.0, 0.0, 0.0]], **options), spacing, *_IN_MOTION)
     if not timed:
-        return Terms(danger=danger, steps=steps)
+        return AskedTerms(danger=danger, steps=steps)
     limits = RateLimits.of(robot, motion.velocity, motion.acceleration, motion.jerk)
-    return Terms(
+    return AskedTerms(
         danger=danger,
         motion={
             **{name: getattr(limits, name) for name in ("velocity", "acceleration", "jerk")},

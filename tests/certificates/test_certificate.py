@@ -19,7 +19,7 @@ from safe_ompl.certificates.claims import ClaimedDanger
 from safe_ompl.certificates.verifier.bodies import ENDLESS, farthest
 from safe_ompl.certificates.verifier.danger import PlainDanger
 from safe_ompl.certificates.verifier.motion import RecordedPiece, derivatives
-from safe_ompl.certificates.verifier.verify import Terms
+from safe_ompl.certificates.verifier.verify import AskedTerms
 from safe_ompl.common import CertificateError, InputError, PlanningError
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
@@ -262,8 +262,8 @@ def test_a_danger_of_another_kind_is_no_claim_of_this_one(ur5, clutter, path, op
     key = next(iter(options), "spacing")
     asked = {"spacing": 0.1, "weighting": "unit", "sharpness": 10.0, **usual}
     with pytest.raises(CertificateError, match=rf"danger: {key} is .* in its claim, .* is asked for"):
-        verify(content, ur5, scene, terms=Terms(danger=asked))
-    assert verify(content, ur5, scene, terms=Terms(danger={**asked, **options, "spacing": spacing})).edges == 3
+        verify(content, ur5, scene, terms=AskedTerms(danger=asked))
+    assert verify(content, ur5, scene, terms=AskedTerms(danger={**asked, **options, "spacing": spacing})).edges == 3
 
 
 # ------------------------------------------- what verifies certificates runs no code of what plans, proves motions,

@@ -25,7 +25,7 @@ from safe_ompl.certificates.claims import ClaimedMotion
 from safe_ompl.certificates.verifier.bodies import Separations
 from safe_ompl.certificates.verifier.motion import RecordedMotion
 from safe_ompl.certificates.verifier.polynomials import check_motion
-from safe_ompl.certificates.verifier.verify import Terms
+from safe_ompl.certificates.verifier.verify import AskedTerms
 from safe_ompl.collision import Separation, ToolOrientation
 from safe_ompl.danger import CertifiedDanger
 from safe_ompl.drawing import ViewerContent
@@ -108,9 +108,9 @@ def test_all_that_is_proven_is_claimed_and_said(ur5, clutter, written, fast):
     assert said.claims[4] == "a motion of 3 polynomials in 2.400 s"
     assert said.claims[5].startswith("the joints within velocities of (1.5, 1.5, ")
     assert said.not_claimed == ("clearance", "danger", "moving obstacles", "jerk")
-    assert verify(written, ur5, clutter, terms=Terms(motion={"velocity": fast.velocity, "jerk": None}))
+    assert verify(written, ur5, clutter, terms=AskedTerms(motion={"velocity": fast.velocity, "jerk": None}))
     with pytest.raises(CertificateError, match="motion: velocity is"):
-        verify(written, ur5, clutter, terms=Terms(motion={"velocity": 1.1 * fast.velocity}))
+        verify(written, ur5, clutter, terms=AskedTerms(motion={"velocity": 1.1 * fast.velocity}))
 
 
 @pytest.mark.parametrize("tube", [None, TUBE])

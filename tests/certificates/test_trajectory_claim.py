@@ -15,7 +15,7 @@ from safe_ompl.certificates import certificate, verify
 from safe_ompl.certificates.claims import ClaimedTrajectory, at_most
 from safe_ompl.certificates.verifier.bodies import Budget, PlainSpeeds
 from safe_ompl.certificates.verifier.motion import RecordedLaw, RecordedMotion, RecordedPiece, derivatives
-from safe_ompl.certificates.verifier.verify import Terms
+from safe_ompl.certificates.verifier.verify import AskedTerms
 from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.motions import RateLimits, time_path
 
@@ -88,7 +88,7 @@ def endangering(request, ur5, scene):
 
 def asked(field, scene):
     kind = ("aggregate", "weighting", "k1", "sharpness", "k2", "gamma")
-    return Terms(danger={"spacing": scene.spacing, **{name: getattr(field, name) for name in kind}})
+    return AskedTerms(danger={"spacing": scene.spacing, **{name: getattr(field, name) for name in kind}})
 
 
 def test_danger_in_motion_is_claimed_and_verified(endangering, ur5):

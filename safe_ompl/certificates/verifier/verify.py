@@ -64,7 +64,7 @@ def verify(
     robot: Robot | None = None,
     scene: Scene | None = None,
     *,
-    terms: Terms | None = None,
+    terms: AskedTerms | None = None,
     package_dirs: Sequence[Path] = (),
     time: float = TIME,
 ) -> Verified:
@@ -79,7 +79,7 @@ def verify(
         says nothing of any other robot.
     scene : Scene, optional
         The scene that it must begin with; default: the one that it carries.
-    terms : Terms, optional
+    terms : AskedTerms, optional
         What its claims must agree with: options of the danger, limits of the motion, people; `terms_of` makes them.
         Without any, claims are checked as they are; their sentences say what they are.
     package_dirs : sequence of path-like
@@ -229,7 +229,7 @@ _COMPUTED = ("velocity", "acceleration", "jerk")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Terms:
+class AskedTerms:
     """What claims are asked to be about, such as the options of a scenario; None where nothing is asked for."""
 
     # Options of the field and the spacing of the danger points [m]; empty where nothing in the scene is dangerous
