@@ -10,7 +10,7 @@ import pytest
 from ompl import geometric as og
 
 from safe_ompl import Box, CertifiedDanger, DangerField, KinetostaticField, Obstacle, Pose, Scene
-from safe_ompl.collision import CollisionChecker, MotionProver, PairDistances, bounds as distance_bounds
+from safe_ompl.collision import CollisionChecker, MotionProver, PairDistances, PairSet
 from safe_ompl.geometry import DISTANCE_ERROR
 from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity
 from safe_ompl.robot import StateBridge, joint_space
@@ -36,8 +36,8 @@ def restless(monkeypatch):
         monkeypatch.setattr(holder, name, paused)
 
     with_pauses(pin, "updateGeometryPlacements")
-    with_pauses(distance_bounds, "near_pairs")
-    with_pauses(distance_bounds, "prove_curve")
+    with_pauses(PairSet, "touching")
+    with_pauses(MotionProver, "_by_bounds")
     yield
     sys.setswitchinterval(switch)
 
@@ -155,19 +155,27 @@ def test_a_proof_is_of_one_scene_though_another_thread_moves_the_obstacle(panda,
     checker.move(left)
     motion = MotionProver(checker)
     assert not motion.is_free(start, end)
-    prove, moves = distance_bounds.prove_curve, iter([right])
+    bounds_of, moves = PairSet.bounds.fget, iter([right])
 
-    def moved_meanwhile(*args):
-        """Prove the edge in one scene, and find the other one when the proof has ended."""
-        found = prove(*args)
-        scene = next(moves, None)
-        if scene is not None:
-            in_threads(lambda k: checker.move(scene), 1)
-        return found
+    class MovedMeanwhile:
+        """Proves an edge in one scene, and finds the other one when the proof has ended."""
+
+        def __init__(self, bounds):
+            self._bounds = bounds
+
+        def __getattr__(self, name):
+            return getattr(self._bounds, name)
+
+        def prove_edge(self, *args):
+            found = self._bounds.prove_edge(*args)
+            scene = next(moves, None)
+            if scene is not None:
+                in_threads(lambda k: checker.move(scene), 1)
+            return found
 
     far = left.moved({"box": Pose((3.0, 3.0, 0.4))})
     checker.move(far)
-    monkeypatch.setattr(distance_bounds, "prove_curve", moved_meanwhile)
+    monkeypatch.setattr(PairSet, "bounds", property(lambda pairs: MovedMeanwhile(bounds_of(pairs))))
     assert not motion.is_free(start, end), "free where the box was, and not where it is"
     assert not motion.is_free(start, end)
 

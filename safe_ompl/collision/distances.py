@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from safe_ompl.collision.bounds import DistanceBounds, SomePairs
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.kernels.distances import hinge_costs
+from safe_ompl.collision.proofs import DistanceBounds, SomePairs, hinge_costs
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.robot import Robot, plain
 
@@ -46,8 +45,8 @@ class NearPairs:
         there are their gradients (B, n), and vectors v (C, n): the costs bend like Σ vvᵀ (Gauss-Newton).
         """
         coupling = self.robot.coupling
-        joints, values = self.robot.kinematics.joints, plain(coupling.values(Q))
-        costs, gradients, bends = hinge_costs(joints, values, self.carriers, self.table, hinges)
+        values = plain(coupling.values(Q))
+        costs, gradients, bends = hinge_costs(self.robot.kinematics.table, values, self.carriers, self.table, hinges)
         return costs, coupling.columns(gradients), coupling.columns(bends)
 
 

@@ -13,9 +13,8 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision.bounds import BoundsProof, Curve
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.kernels.tables import EdgeTables
+from safe_ompl.collision.proofs import BoundsProof
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
 from safe_ompl.common import (
     BoolArray,
@@ -38,6 +37,8 @@ _FIRST_REACH = 0.15
 FLOOR = 5e-6
 
 
+# Coefficients c_k (n,) of a motion q(t) = Σ_k c_k t^k, t in [0, 1]; of an edge its start and the way to its end.
+Curve: TypeAlias = Sequence[FloatArray]
 Interval: TypeAlias = tuple[float, float]  # centre and half-length, fractions of a motion
 
 
@@ -90,7 +91,7 @@ class MotionProver:
     the centre of an interval of half-length s (a fraction of the edge) every pair keeps more than s·W_p, the
     whole interval is free: one boolean query. An interval that fails is divided in three, if its centre is free of
     contact; the middle one keeps the centre. (Halves would cost a sixth more.) Curves are proven alike (`check_curve`).
-    Before that, kernels prove most motions by bounds of distances, without a query (`kernels/proofs.py`).
+    Before that, kernels prove most motions by bounds of distances, without a query (`proofs.pyx`).
 
     Motions that leave the robot's limits are refused: the pairs that are checked are those that may meet within them.
     Any number of threads may ask at the same time. Obstacles of the checker may move between two questions. What proves
@@ -141,9 +142,8 @@ class MotionProver:
         start, end = self._edge(start, end)
         required, changes = self.required_with(margin), self.checker.changes
         done = changes.done
-        known = required.pairs.bounds.prove_edge(
-            (start, end), limits or self.checker.robot.joint_limits, required.allowed_for, self.floor
-        )
+        table = (limits or self.checker.robot.joint_limits).table
+        known = required.pairs.bounds.prove_edge(start, end, table, required.allowed_for, self.floor)
         if known is None:
             if limits is None:
                 self._check_finite(start, end)
@@ -169,7 +169,7 @@ class MotionProver:
         if len(starts) != len(ends):
             raise InputError(f"motions need as many starts as ends, got {len(starts)} and {len(ends)}")
         workers = whole_number("workers", workers, at_least=1)
-        edges, free = self.checker.robot.joint_limits.lay_edges(plain(starts), plain(ends))
+        edges, free = self.checker.robot.joint_limits.table.edges(plain(starts), plain(ends))
         rows = np.flatnonzero(free)
         with self.checker.changes.none():
             found = required.pairs.bounds.prove_many(edges[rows], required.allowed_for, self.floor, workers)
@@ -177,14 +177,6 @@ class MotionProver:
             for k in rows[found == 0] if not self.limits else rows[found >= 0]:
                 free[k] = self.is_free(starts[k], ends[k])
         return free
-
-    def edge_tables(self) -> EdgeTables | None:
-        """Return `DistanceBounds.edge_tables` of this prover; None where nothing is bounded.
-
-        What they prove free is so where there are no `limits`; what they refuse is blocked in any case.
-        """
-        required = self.required
-        return required.pairs.bounds.edge_tables(self.checker.robot.joint_limits, required.allowed_for, self.floor)
 
     def proven_by_bounds(self, curves: FloatArray) -> BoolArray:
         """Return for motions as `check_curve` takes them, finite (E, d + 1, n), whether bounds of distances prove them.

@@ -8,19 +8,15 @@ from itertools import chain
 import coal
 import numpy as np
 
-from safe_ompl.collision.bounds import DistanceBounds
 from safe_ompl.collision.geometry import SceneGeometry
-from safe_ompl.collision.kernels.distances import pair_bounds
-from safe_ompl.collision.kernels.tables import BLOCK
+from safe_ompl.collision.proofs import BLOCK, DistanceBounds, pair_bounds
 from safe_ompl.collision.queries import CoalPairs, Nearest
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.geometry import DISTANCE_ERROR, ConvexBodies
 from safe_ompl.robot import Robot
-from safe_ompl.robot.kernels import JOINT
 
 _TINY = 1e-12  # [m]
 _REQUEST = coal.DistanceRequest()
-_NO_JOINTS = np.zeros(0, JOINT)
 
 
 class PairTable:
@@ -82,13 +78,12 @@ class PairTable:
         """Return for each pair (T,) whether its bodies can come nearer to each other than a distance [m]."""
         (cylinders, reaches), parts = self.robot.bounds.reach_bodies, self.geometry.parts
         k, m = np.nonzero((self._lower < distance) & (self._upper >= distance))
-        found = np.full((1, len(k)), -np.inf)
+        found = np.full(len(k), -np.inf)
         if len(k) and self._obstacles.bounded:
-            known = reaches.joined(self._obstacles)
             pairs = np.stack([m, len(cylinders) + k], axis=1)
-            pair_bounds(_NO_JOINTS, known.shapes, pairs, np.empty((1, 0)), distance, found)
+            found = pair_bounds(reaches.joined(self._obstacles).table, pairs, distance)
         self._lower[k, m] = np.maximum(self._lower[k, m], found)
-        near, exact = found[0] < distance, self._obstacles.exact[k]
+        near, exact = found < distance, self._obstacles.exact[k]
         self._upper[k[near], m[near]] = np.nextafter(distance, 0.0)  # of these that is all that is known
         for c in np.flatnonzero(near & ~exact).tolist():
             bodies = parts[k[c]], cylinders[m[c]]

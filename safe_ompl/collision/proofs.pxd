@@ -80,7 +80,7 @@ cdef struct Outcome:
 
 
 cdef class DistanceBounds:
-    cdef readonly object exact
+    cdef readonly object exact, groups
     cdef object _counts, _coupling, _free, _kept
     cdef readonly ShapeTable shapes
     cdef readonly JointTable joints
@@ -99,4 +99,15 @@ cdef Outcome prove_curve(
 cdef Outcome prove_edge(
     const Pairs *pairs, Workspace work, const double *start, const double *end, EdgeTable limits,
     const double *required, double most, double floor,
+) noexcept nogil
+
+cdef int check_near(
+    JointTable joints, Py_ssize_t B, const Py_ssize_t[::1] carriers, const double[:, ::1] near,
+    const double[:, ::1] hinges,
+) except -1
+
+cdef void add_hinge_costs(
+    const Joint *joints, Py_ssize_t m, const double *values, const Py_ssize_t *carriers, const double *near,
+    Py_ssize_t C, const double *hinges, Py_ssize_t H, double *frames, double *costs, double *gradients,
+    double *vectors,
 ) noexcept nogil

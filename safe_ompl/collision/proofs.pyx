@@ -184,8 +184,7 @@ cdef class DistanceBounds:
         exact = bodies.exact if bodies.bounded else np.zeros_like(bodies.exact)
         reaches = np.zeros((m, len(bodies.bodies)))
         reaches[:, :own] = robot.bounds.joint_radii.T
-        self.joints = JointTable(robot.kinematics.joints)
-        self.shapes = ShapeTable(bodies.bodies, bodies.starts, bodies.vertices, bodies.nodes)
+        self.joints, self.shapes = robot.kinematics.table, bodies.table
         self.exact = exact[pairs[:, 0]] & exact[pairs[:, 1]]
         self._counts, self._coupling, self._free = counts, robot.coupling, []
         numbers, certain = pairs.astype(np.uintp), np.where(self.exact, ALLOWANCE, np.inf)
@@ -197,7 +196,7 @@ cdef class DistanceBounds:
         self.pairs.count, self.pairs.m, self.pairs.own, self.pairs.joints = P, m, own, self.joints.data
         self.pairs.shape_count = self.shapes.count
         groups, balls = self._grouped(numbers)
-        self._kept = numbers, by_joint, reaches, certain, groups, balls
+        self.groups, self._kept = groups, (numbers, by_joint, reaches, certain, balls)
         self.pairs.bodies = <const size_t (*)[2]> _address(numbers)
         self.pairs.radii, self.pairs.reaches = <const double *> _address(by_joint), <const double *> _address(reaches)
         self.pairs.certain, self.pairs.balls = <const double *> _address(certain), <const double *> _address(balls)
@@ -332,8 +331,7 @@ cdef class DistanceBounds:
 
         No margin is above the largest. Then no others were looked at. What bounds decide coal would decide alike.
         """
-        cdef const double[::1] values = self._coupling.values(q)
-        cdef Workspace work = self.workspace()
+        cdef const double[::1] values = self._values(q)
         cdef Py_ssize_t number
         cdef bint surely = False
         if margins.shape[0] != self.pairs.count or values.shape[0] != self.pairs.m:
@@ -342,6 +340,7 @@ cdef class DistanceBounds:
         cdef Py_ssize_t[::1] near = found
         if self.pairs.count == 0:
             return found, False
+        cdef Workspace work = self.workspace()
         with nogil:
             number = _near_pairs(
                 &self.pairs, work, &values[0] if values.shape[0] else NULL, &margins[0], largest, &near[0], &surely
@@ -409,23 +408,22 @@ cdef class DistanceBounds:
             np.array([coupling.values(first), *(coupling.motions(other) for other in others)]), required, floor
         )
 
-    def prove_edge(
-        self, const double[::1] start, const double[::1] end, EdgeTable limits not None, Required required not None,
-        double floor,
-    ):
+    def prove_edge(self, start, end, EdgeTable limits not None, Required required not None, double floor):
         """Try to prove the straight motion between two configurations (n,); None if one is not within the limits."""
         cdef Workspace work
         cdef Outcome outcome
         cdef Py_ssize_t n = limits.n
-        if start.shape[0] != n or end.shape[0] != n:
+        cdef const double[::1] first = np.ascontiguousarray(start, dtype=np.float64)
+        cdef const double[::1] last = np.ascontiguousarray(end, dtype=np.float64)
+        if first.shape[0] != n or last.shape[0] != n:
             raise InputError(f"configurations must have {n} joints")
         self._check(required, limits.m)
         if not self.bounded:
-            return _UNKNOWN if limits.hold(start) and limits.hold(end) else None
+            return _UNKNOWN if limits.hold(first) and limits.hold(last) else None
         work = self.workspace()
         with nogil:
             outcome = prove_edge(
-                &self.pairs, work, &start[0], &end[0], limits,
+                &self.pairs, work, &first[0], &last[0], limits,
                 &required.distances[0] if self.pairs.count else NULL, required.most, floor,
             )
         found = None if outcome.places == 0 and outcome.number < 0 else self._told(work, outcome)
@@ -513,18 +511,30 @@ cdef class DistanceBounds:
         self._free.append(work)
         return places
 
-    def hinge_costs(self, Q, const Py_ssize_t[::1] carriers, const double[:, ::1] near, const double[:, ::1] hinges):
-        """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² (B,), its gradients (B, m), and vectors v (C, m) of Gauss-Newton.
-
-        Σ vvᵀ approximates the Hessian. d_c = x·n_c − b_c is the distance of each of C points of bodies from a plane, at
-        the row of `Q: (B, n)` for which it was found; `near: (C, 10)` is what `near` returns, of pairs whose first
-        bodies are carried by joints with Pinocchio's numbers, `carriers: (K,)`. Pairs in contact do not count. The
-        `hinges: (H, 2)` are D > 0 [m] and w. As in CHOMP and TrajOpt.
-        """
-        return hinge_costs(self.joints, self._values(Q), carriers, near, hinges)
-
     def _values(self, Q):
         return np.ascontiguousarray(self._coupling.values(Q), dtype=np.float64)
+
+
+def pair_bounds(ShapeTable shapes not None, const Py_ssize_t[:, ::1] pairs, double enough):
+    """Return lower bounds (K,) [m] of the distances of pairs (K, 2) of bodies that no joint carries.
+
+    A bound is not improved any more once it is at least `enough` [m]; it is −∞ where a body is not finite.
+    """
+    cdef Py_ssize_t K = pairs.shape[0], k
+    cdef Bodies bodies = shapes.data
+    cdef Search search
+    found = np.full(K, -np.inf)
+    cdef double[::1] bounds = found
+    if not shapes.bounded or K == 0:
+        return found
+    if pairs.shape[1] != 2 or not 0 <= np.min(pairs) <= np.max(pairs) < shapes.count:
+        raise InputError(f"pairs must be of {shapes.count} bodies")
+    bodies.pose = shapes.new_poses()
+    with nogil:
+        for k in range(K):
+            bounds[k] = _lower_bound(&bodies, &search, pairs[k, 0], pairs[k, 1], enough)
+    free(bodies.pose)
+    return found
 
 
 cdef void *_address(array):
@@ -742,66 +752,103 @@ def hinge_costs(
     JointTable joints not None, const double[:, ::1] values, const Py_ssize_t[::1] carriers, const double[:, ::1] near,
     const double[:, ::1] hinges,
 ):
-    """Return costs (B,), gradients (B, m) and vectors (C, m); see `DistanceBounds.hinge_costs`."""
-    cdef Py_ssize_t m = joints.m, C = near.shape[0], c, b, i, x, y, z, h, placed = -1
+    """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² (B,), its gradients (B, m), and vectors v (C, m) of Gauss-Newton.
+
+    Σ vvᵀ approximates the Hessian. d_c = x·n_c − b_c is the distance of each of C points of bodies from a plane, at
+    the row of `values: (B, m)` of the joints for which it was found; `near: (C, 10)` is what `DistanceBounds.near`
+    returns, of pairs whose first bodies are carried by joints with Pinocchio's numbers, `carriers: (K,)`. Pairs in
+    contact do not count. The `hinges: (H, 2)` are D > 0 [m] and w. As in CHOMP and TrajOpt.
+    """
+    cdef Py_ssize_t m = joints.m, B = values.shape[0], C = near.shape[0], H = hinges.shape[0]
+    if values.shape[1] != m:
+        raise InputError(f"values must have {m} columns, got {values.shape[1]}")
+    check_near(joints, B, carriers, near, hinges)
+    costs, gradients, vectors = np.zeros(B), np.zeros((B, m)), np.zeros((C, m))
+    cdef double[::1] cost = costs
+    cdef double[:, ::1] gradient = gradients
+    cdef double[:, ::1] vector = vectors
+    cdef double *frames
+    if C and m:
+        frames = <double *> malloc(15 * m * sizeof(double))
+        if not frames:
+            raise MemoryError
+        with nogil:
+            add_hinge_costs(
+                joints.data, m, &values[0, 0], &carriers[0], &near[0, 0], C, &hinges[0, 0] if H else NULL, H, frames,
+                &cost[0], &gradient[0, 0], &vector[0, 0],
+            )
+        free(frames)
+    return costs, gradients, vectors
+
+
+cdef int check_near(
+    JointTable joints, Py_ssize_t B, const Py_ssize_t[::1] carriers, const double[:, ::1] near,
+    const double[:, ::1] hinges,
+) except -1:
+    """Raise InputError if near pairs are not of B configurations, of pairs with carriers, or these not of the joints."""
+    cdef Py_ssize_t c
+    if near.shape[1] != 10 or hinges.shape[1] != 2:
+        raise InputError("near pairs must have 10 columns, and hinges 2")
+    for c in range(near.shape[0]):
+        if not (0 <= near[c, 0] < B and 0 <= near[c, 1] < carriers.shape[0]):
+            raise InputError(f"near pair {c} is of a configuration or a pair that there is not")
+        if not 0 <= carriers[<Py_ssize_t> near[c, 1]] <= joints.m:
+            raise InputError(f"pair {near[c, 1]:g} is carried by a joint that there is not")
+    return 0
+
+
+cdef void add_hinge_costs(
+    const Joint *joints, Py_ssize_t m, const double *values, const Py_ssize_t *carriers, const double *near,
+    Py_ssize_t C, const double *hinges, Py_ssize_t H, double *frames, double *costs, double *gradients,
+    double *vectors,
+) noexcept nogil:
+    """Add `hinge_costs` (B,) and gradients (B, m), and write vectors (C, m) unless NULL; `frames: (15 m,)` is memory.
+
+    Of vectors only those numbers are written that are not 0.
+    """
+    cdef Py_ssize_t c, b, i, x, y, z, h, placed = -1
     cdef double distance, rate, bend, lack, slope, turning
+    cdef double *origin = frames + 9 * m
+    cdef double *axis = frames + 12 * m
     cdef const double *p
     cdef const double *normal
     cdef const double *frame
     cdef double place[3]
-    costs, gradients, vectors = np.zeros(values.shape[0]), np.zeros((values.shape[0], m)), np.zeros((C, m))
-    cdef double[::1] cost = costs
-    cdef double[:, ::1] gradient = gradients
-    cdef double[:, ::1] bends = vectors
-    if values.shape[1] != m or near.shape[1] != 10 or hinges.shape[1] != 2:
-        raise InputError("values must have a column for each joint, near pairs 10 and hinges 2")
     for c in range(C):
-        if not (0 <= near[c, 0] < values.shape[0] and 0 <= near[c, 1] < carriers.shape[0]):
-            raise InputError(f"near pair {c} is of a configuration or a pair that there is not")
-        if not 0 <= carriers[<Py_ssize_t> near[c, 1]] <= m:
-            raise InputError(f"pair {near[c, 1]:g} is carried by a joint that there is not")
-    cdef double *frames = <double *> malloc(max(15 * m, 1) * sizeof(double))
-    if not frames:
-        raise MemoryError
-    cdef double *origin = frames + 9 * m
-    cdef double *axis = frames + 12 * m
-    with nogil:
-        for c in range(C):
-            b, i = <Py_ssize_t> near[c, 0], carriers[<Py_ssize_t> near[c, 1]] - 1
-            p, normal = &near[c, 3], &near[c, 6]
-            if not near[c, 2] > 0.0:
-                continue
-            if b != placed:
-                place_joints(joints.data, m, &values[b, 0] if m else NULL, frames, origin, axis)
-                placed = b
-            distance = -near[c, 9]
+        p, normal = near + 10 * c + 3, near + 10 * c + 6
+        b, i = <Py_ssize_t> near[10 * c], carriers[<Py_ssize_t> near[10 * c + 1]] - 1
+        if not near[10 * c + 2] > 0.0:
+            continue
+        if b != placed:
+            place_joints(joints, m, values + m * b, frames, origin, axis)
+            placed = b
+        distance = -near[10 * c + 9]
+        for x in range(3):
+            place[x] = p[x]
+            if i >= 0:
+                frame = frames + 9 * i + 3 * x
+                place[x] = origin[3 * i + x] + frame[0] * p[0] + frame[1] * p[1] + frame[2] * p[2]
+            distance += place[x] * normal[x]
+        rate, bend = 0.0, 0.0
+        for h in range(H):
+            lack = 1.0 - distance / hinges[2 * h]
+            if lack > 0.0:
+                costs[b] += hinges[2 * h + 1] * lack * lack
+                rate -= 2.0 * hinges[2 * h + 1] / hinges[2 * h] * lack
+                bend += 2.0 * hinges[2 * h + 1] / (hinges[2 * h] * hinges[2 * h])
+        while i >= 0 and bend > 0.0:
+            slope = 0.0
             for x in range(3):
-                place[x] = p[x]
-                if i >= 0:
-                    frame = frames + 9 * i + 3 * x
-                    place[x] = origin[3 * i + x] + frame[0] * p[0] + frame[1] * p[1] + frame[2] * p[2]
-                distance += place[x] * normal[x]
-            rate, bend = 0.0, 0.0
-            for h in range(hinges.shape[0]):
-                lack = 1.0 - distance / hinges[h, 0]
-                if lack > 0.0:
-                    cost[b] += hinges[h, 1] * lack * lack
-                    rate -= 2.0 * hinges[h, 1] / hinges[h, 0] * lack
-                    bend += 2.0 * hinges[h, 1] / (hinges[h, 0] * hinges[h, 0])
-            while i >= 0 and bend > 0.0:
-                slope = 0.0
-                for x in range(3):
-                    y, z = (x + 1) % 3, (x + 2) % 3
-                    turning = (
-                        axis[3 * i + y] * (place[z] - origin[3 * i + z])
-                        - axis[3 * i + z] * (place[y] - origin[3 * i + y])
-                    )
-                    slope += normal[x] * (axis[3 * i + x] if joints.data[i].slides else turning)
-                gradient[b, i] += rate * slope
-                bends[c, i] = sqrt(bend) * slope
-                i = joints.data[i].parent - 1
-    free(frames)
-    return costs, gradients, vectors
+                y, z = (x + 1) % 3, (x + 2) % 3
+                turning = (
+                    axis[3 * i + y] * (place[z] - origin[3 * i + z])
+                    - axis[3 * i + z] * (place[y] - origin[3 * i + y])
+                )
+                slope += normal[x] * (axis[3 * i + x] if joints[i].slides else turning)
+            gradients[m * b + i] += rate * slope
+            if vectors != NULL:
+                vectors[m * c + i] = sqrt(bend) * slope
+            i = joints[i].parent - 1
 
 
 # What a proof is of, and its working memory.

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.collision.bounds import ALLOWANCE
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.kernels.tables import Required
 from safe_ompl.collision.pairs import PairSet
+from safe_ompl.collision.proofs import ALLOWANCE, Required
 from safe_ompl.common import FloatArray, InputError, UnknownNameError, finite_array, number, shown
 from safe_ompl.geometry import DISTANCE_ERROR
 
@@ -188,7 +187,7 @@ class RequiredDistances:
 
     def __init__(self, pairs: PairSet, least: FloatArray) -> None:
         self.pairs, self.least = pairs, least
-        self.allowed_for, self.provable = Required.of(least + ALLOWANCE), least + _SPARE
+        self.allowed_for, self.provable = Required(least + ALLOWANCE), least + _SPARE
         for array in (least, self.provable):
             array.setflags(write=False)
         self.any = bool(least.any())

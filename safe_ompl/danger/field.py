@@ -27,7 +27,6 @@ from safe_ompl.common import (
     number,
 )
 from safe_ompl.danger import link_field, static
-from safe_ompl.danger.kernels import danger as kernel
 from safe_ompl.danger.link_field import DangerPoints
 from safe_ompl.robot import Robot, plain
 from safe_ompl.scene import Scene
@@ -214,14 +213,6 @@ class DangerField:
         """
         table = self._points.table
         return static.PointDanger(self._skeleton, table if chosen is None else table.some(chosen), *self._measure)
-
-    def for_kernels(self, chosen: BoolArray | None = None) -> kernel.PointDanger:
-        """Return the same for kernels in Numba."""
-        points, tree = self.point_danger(chosen).points, self.robot.kinematics
-        tables = kernel.Tables(tree.joints, *tree.skeleton, self.weighting == "length")
-        reach = float(np.abs(points.single).max(initial=0.0))
-        prepared = kernel.Points(points.columns, points.charges, points.single, reach)
-        return kernel.PointDanger(tables, prepared, kernel.Aggregate(*self._measure))
 
     def count(self, configurations: int, points: int) -> None:
         """Count an evaluation of so many points at every one of so many configurations."""

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
-from safe_ompl.geometry.kernels import NODE, Records
+from safe_ompl.geometry.convex import NODE, Records
 
 _SINGLE = 1.2e-7  # relative rounding of single precision, in which coal keeps its trees
 

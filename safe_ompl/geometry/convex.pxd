@@ -68,6 +68,7 @@ cdef class ShapeTable:
     cdef readonly bint bounded
     cdef Bodies data
     cdef Pose *new_poses(self) except NULL
+    cdef int _check_body(self, Py_ssize_t g) except -1
 
 
 cdef Bounds distance_bounds(

@@ -1,4 +1,4 @@
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -7,6 +7,7 @@ from safe_ompl.common import FloatArray, IntArray
 BODY: np.dtype[Any]
 NODE: np.dtype[Any]
 POSE: np.dtype[Any]
+Records: TypeAlias = np.ndarray[Any, np.dtype[Any]]
 
 class ShapeTable:
     bodies: Any
@@ -16,8 +17,13 @@ class ShapeTable:
     count: int
     bounded: bool
     def __init__(self, bodies: Any, starts: IntArray, vertices: FloatArray, nodes: Any) -> None: ...
+    def distance_bounds(self, a: int, b: int, axis: FloatArray, enough: float, least: float) -> tuple[float, float]: ...
+    def support(self, g: int, direction: FloatArray) -> FloatArray: ...
+    def way_from_box(self, g: int, point: FloatArray) -> FloatArray: ...
     def farthest_from_axes(
         self, centers: FloatArray, axes: FloatArray, radii: FloatArray, half_lengths: FloatArray
     ) -> FloatArray: ...
 
 def extreme_vertices(vertices: FloatArray, grid: int) -> tuple[IntArray, IntArray]: ...
+def nearest_point(corners: FloatArray) -> tuple[FloatArray, FloatArray]: ...
+def direction_cell(x: float, y: float, z: float, grid: int) -> int: ...

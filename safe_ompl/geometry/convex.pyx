@@ -10,7 +10,7 @@ slab that separates them. A search only decides how good that bound is, never wh
 """
 
 from libc.math cimport fabs
-from libc.stdlib cimport malloc
+from libc.stdlib cimport free, malloc
 
 import numpy as np
 
@@ -80,6 +80,10 @@ cdef double FLAT = 1e-12
 cdef double CELL_OVERLAP = 1e-9
 
 
+# An array of one of the types above.
+Records = np.ndarray
+
+
 cdef class ShapeTable:
     """Convex bodies for compiled code, and the lists and trees that they refer to.
 
@@ -143,6 +147,50 @@ cdef class ShapeTable:
         for g in range(self.count):
             place_still(&self.data.body[g], &poses[g])
         return poses
+
+    def distance_bounds(self, Py_ssize_t a, Py_ssize_t b, axis, double enough, double least):
+        """Return bounds [m] of the distance of two bodies that no joint carries: the lower one, and the upper one.
+
+        The search begins along an axis (3,), and ends where the lower bound is `enough` [m], or the upper one below
+        `least`.
+        """
+        cdef Bodies bodies = self.data
+        cdef Search search
+        cdef Bounds found
+        cdef Py_ssize_t x
+        self._check_body(min(a, b))
+        self._check_body(max(a, b))
+        for x in range(3):
+            search.axis[x] = axis[x]
+        bodies.pose = self.new_poses()
+        found = distance_bounds(&bodies, a, b, &search, enough, least, False)
+        free(bodies.pose)
+        return found.lower, found.upper
+
+    def support(self, Py_ssize_t g, direction):
+        """Return the point (3,) [m] of a body that no joint carries, without its ball, that is farthest that way."""
+        cdef Bodies bodies = self.data
+        cdef Vector found
+        self._check_body(g)
+        bodies.pose = self.new_poses()
+        found = support(&bodies, g, direction[0], direction[1], direction[2])
+        free(bodies.pose)
+        return np.array([found.x, found.y, found.z])
+
+    def way_from_box(self, Py_ssize_t g, point):
+        """Return the vector (3,) [m] to a point from the nearest one of the box about a body that no joint carries."""
+        cdef const double[::1] place = np.ascontiguousarray(point, dtype=np.float64)
+        cdef Pose pose
+        cdef Vector found
+        self._check_body(g)
+        place_still(&self.data.body[g], &pose)
+        found = from_box(&self.data.body[g], &pose, &place[0])
+        return np.array([found.x, found.y, found.z])
+
+    cdef int _check_body(self, Py_ssize_t g) except -1:
+        if not (0 <= g < self.count and self.data.body[g].joint == 0):
+            raise InputError(f"there is no body {g} that no joint carries")
+        return 0
 
     def farthest_from_axes(
         self, const double[:, ::1] centers, const double[:, ::1] axes, const double[::1] radii,
@@ -568,3 +616,26 @@ cdef inline bint _beats(const double[:, ::1] heights, Py_ssize_t k, Py_ssize_t o
         and heights[k, 2] >= heights[other, 2]
         and heights[k, 3] >= heights[other, 3]
     )
+
+
+def nearest_point(const double[:, ::1] corners):
+    """Return the point (3,) of the hull of up to four corners that is nearest to the origin, and those it lies between.
+
+    These are the fewest corners, (K, 3).
+    """
+    cdef double simplex[4][EDGES]
+    cdef Vector found
+    cdef int kept
+    cdef Py_ssize_t k, x
+    if not 1 <= corners.shape[0] <= 4 or corners.shape[1] != 3:
+        raise InputError("a simplex has one to four corners (K, 3)")
+    for k in range(corners.shape[0]):
+        for x in range(3):
+            simplex[k][x], simplex[k][3 + x] = corners[k, x], 0.0
+    kept = nearest_in_simplex(simplex, corners.shape[0], &found)
+    return np.array([found.x, found.y, found.z]), np.array([[simplex[k][x] for x in range(3)] for k in range(kept)])
+
+
+def direction_cell(double x, double y, double z, Py_ssize_t grid):
+    """Return the cell of a direction, whose list of `extreme_vertices` has the extreme one; 0 where there is no grid."""
+    return cell_of(x, y, z, grid)

@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, halton_point
 from safe_ompl.geometry.cells import Voxels
-from safe_ompl.geometry.convex import ShapeTable
-from safe_ompl.geometry.kernels import BODY, NODE, Records, Shapes, extreme_vertices
+from safe_ompl.geometry.convex import BODY, NODE, Records, ShapeTable, extreme_vertices
 from safe_ompl.geometry.pose import LONGEST
 
 _log = logging.getLogger(__name__)
@@ -236,11 +235,6 @@ class ConvexBodies:
     def table(self) -> ShapeTable:
         """The same for compiled code."""
         return ShapeTable(self.bodies, self.starts, self.vertices, self.nodes)
-
-    @property
-    def shapes(self) -> Shapes:
-        """The bodies, the lists and the trees, as kernels take them."""
-        return Shapes(self.bodies, self.starts, self.vertices, self.nodes)
 
     @classmethod
     def of(cls, parts: Sequence[Any]) -> ConvexBodies:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from math import ceil, cos, pi, sin, sqrt
+from math import ceil
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray, compiled, maker, part
+from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.geometry.surface_points import (
+    box_points as box_points,
+    capsule_points as capsule_points,
+    revolved_points as revolved_points,
+)
 
 Triangles = tuple[FloatArray, IntArray]
 """Vertices, shape (V, 3) [m], and for each triangle the indices of its vertices, shape (F, 3)."""
@@ -119,137 +124,3 @@ def _arc(radius: float, height: float, start: float, stop: float, step: float) -
 
 def _steps(length: float, step: float) -> int:
     return max(1, ceil(length / step - 1e-9))
-
-
-# ------------------------------------------------------------------------------------------------ points, compiled
-
-
-@part
-def _turns(length: float, step: float) -> int:
-    return max(1, ceil(length / step - 1e-9))
-
-
-@compiled
-def box_points(size: FloatArray, spacing: float) -> FloatArray:
-    """Return grid points (M, 3) on the faces of a box of so many metres `size: (3,)` about the origin, edges included.
-
-    The step between neighbours is at most `spacing` along x, y and z [m]. They are in order by x, then y, then z.
-    """
-    X, Y, Z = _turns(size[0], spacing), _turns(size[1], spacing), _turns(size[2], spacing)
-    points, row = np.empty(((X + 1) * (Y + 1) * (Z + 1) - (X - 1) * (Y - 1) * (Z - 1), 3)), 0
-    for i in range(X + 1):
-        for j in range(Y + 1):
-            for k in range(Z + 1):
-                if not (0 < i < X and 0 < j < Y and 0 < k < Z):
-                    points[row, 0] = i * (size[0] / X) - size[0] / 2 if i < X else size[0] / 2
-                    points[row, 1] = j * (size[1] / Y) - size[1] / 2 if j < Y else size[1] / 2
-                    points[row, 2] = k * (size[2] / Z) - size[2] / 2 if k < Z else size[2] / 2
-                    row += 1
-    return points
-
-
-@compiled
-def revolved_points(profile: FloatArray, spacing: float) -> FloatArray:
-    """Return points (M, 3) on a solid of revolution about z; every point of its surface is within `spacing` [m] of one.
-
-    The `profile: (K, 2)` has distance from the axis and height of the rings, from the bottom pole to the top pole, at
-    most `spacing` apart along the surface [m].
-    """
-    most, row = 0, 0
-    for ring in profile:
-        most += _turns(2 * pi * ring[0], spacing)
-    points = np.empty((most, 3))
-    for ring in profile:
-        count = _turns(2 * pi * ring[0], spacing)
-        for k in range(count):
-            angle = 2 * pi * k / count
-            points[row, 0], points[row, 1], points[row, 2] = ring[0] * cos(angle), ring[0] * sin(angle), ring[1]
-            row += 1
-    return points
-
-
-@maker
-def _capsule_rings(radius: float, length: float, spacing: float) -> FloatArray:
-    """Return rings (K, 2) of a capsule about z, of a ball for length 0: distance from the axis, and height."""
-    side = _turns(length, spacing) if length > 0.0 else 0
-    half = _turns(pi / 2 * radius, spacing) if length > 0.0 else _turns(pi * radius, spacing)
-    rings = np.empty((2 * half + side + 1 if length > 0.0 else half + 1, 2))
-    for k in range(len(rings)):
-        if length > 0.0:  # a quarter of a circle, the side, another quarter
-            turn = pi / 2 * (k / half - 1.0 if k < half else max(0, k - half - side) / half)
-            height = length * (min(max(k - half, 0), side) / side - 0.5)
-        else:
-            turn, height = pi * (k / half - 0.5), 0.0
-        rings[k, 0] = max(0.0, radius * cos(turn))
-        rings[k, 1] = height + radius * sin(turn)
-    return rings
-
-
-@maker
-def _frame(axis: FloatArray, length: float) -> FloatArray:
-    """Return the rotation (3, 3) that takes z to an axis on the shortest way; of no length: none."""
-    frame = np.empty((3, 3))
-    for a in range(3):
-        for b in range(3):
-            frame[a, b] = 1.0 if a == b else 0.0  # np.eye takes four times as long to compile
-    if length == 0.0:
-        return frame
-    x, y, z = axis[0] / length, axis[1] / length, axis[2] / length
-    if z < -1.0 + 1e-12:
-        frame[1, 1] = frame[2, 2] = -1.0
-        return frame
-    frame[0, 0], frame[0, 1], frame[0, 2] = 1.0 - x * x / (1.0 + z), -x * y / (1.0 + z), x
-    frame[1, 0], frame[1, 1], frame[1, 2] = frame[0, 1], 1.0 - y * y / (1.0 + z), y
-    frame[2, 0], frame[2, 1], frame[2, 2] = -x, -y, z
-    return frame
-
-
-@part
-def _depth(point: FloatArray, start: FloatArray, axis: FloatArray, squared: float, radius: float) -> float:
-    """How deep a point lies inside the capsule about start … start + axis; negative outside [m]."""
-    t = 0.0
-    if squared > 0.0:
-        for x in range(3):
-            t += (point[x] - start[x]) * axis[x]
-        t = min(1.0, max(0.0, t / squared))
-    away = 0.0
-    for x in range(3):
-        away += (point[x] - start[x] - t * axis[x]) ** 2
-    return radius - sqrt(away)
-
-
-@compiled
-def capsule_points(starts: FloatArray, ends: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
-    """Return points (M, 3) [m] on L capsules, those deeper than `spacing` inside another one left out.
-
-    `starts` and `ends` (L, 3) are those of their axes [m], the same for a ball; `radii: (L,)` [m]. Every point of a
-    capsule's surface is within `spacing` of one of its points [m].
-    """
-    axes, squared = np.empty(starts.shape), np.zeros(len(radii))
-    most = 0
-    for i in range(len(radii)):
-        for x in range(3):
-            axes[i, x] = ends[i, x] - starts[i, x]
-            squared[i] += axes[i, x] * axes[i, x]
-        for ring in _capsule_rings(radii[i], sqrt(squared[i]), spacing):
-            most += _turns(2 * pi * ring[0], spacing)
-    points, kept = np.empty((most, 3)), 0
-    for i in range(len(radii)):
-        length = sqrt(squared[i])
-        frame = _frame(axes[i], length)
-        for ring in _capsule_rings(radii[i], length, spacing):
-            count = _turns(2 * pi * ring[0], spacing)
-            for k in range(count):
-                angle = 2 * pi * k / count
-                x, y, z = ring[0] * cos(angle), ring[0] * sin(angle), ring[1]
-                point = points[kept]  # stays where nothing is deeper than the spacing
-                for a in range(3):
-                    point[a] = (starts[i, a] + ends[i, a]) / 2 + frame[a, 0] * x + frame[a, 1] * y + frame[a, 2] * z
-                inside = False
-                for j in range(len(radii)):
-                    if j != i and _depth(point, starts[j], axes[j], squared[j], radii[j]) > spacing:
-                        inside = True
-                        break
-                if not inside:
-                    kept += 1
-    return points[:kept].copy()

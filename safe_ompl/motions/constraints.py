@@ -139,7 +139,7 @@ class ConfigurationCheck:
         """Yield those of `Q: (B, n)` that are allowed, in order; bounds of distances say so of most, many at once."""
         required, limits = self._required, self.checker.robot.joint_limits
         for some in (Q[k : k + _TOGETHER] for k in range(0, len(Q), _TOGETHER)):
-            edges, within = limits.lay_edges(some, some)  # motions that stand still
+            edges, within = limits.table.edges(some, some)  # motions that stand still
             known = np.where(within, 0, -1)
             with self.checker.changes.none():
                 known[within] = required.pairs.bounds.prove_many(edges[within], required.allowed_for, FLOOR)

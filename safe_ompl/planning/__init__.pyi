@@ -1,4 +1,3 @@
-from .compilation import PLAN_JOBS as PLAN_JOBS, small_robot as small_robot
 from .front import Tradeoff as Tradeoff, tradeoff as tradeoff
 from .planners import planner_data as planner_data
 from .result import Improvement as Improvement, PlanResult as PlanResult

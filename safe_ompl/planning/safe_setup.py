@@ -35,7 +35,6 @@ from safe_ompl.common import (
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.geometry import Obstacle
 from safe_ompl.motions import Constraints
-from safe_ompl.planning.compilation import compile_kernels
 from safe_ompl.planning.ompl import (
     REGION_TOLERANCE,
     RESOLUTION,
@@ -91,8 +90,6 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
     ) -> None:
         counts = Counts()
         checker = CollisionChecker(robot, scene, counts, movable=movable)
-        if danger is not None:
-            compile_kernels()
         super().__init__(joint_space(robot))
         if ou.getLogLevel() == ou.LogLevel.LOG_DEBUG:  # OMPL's default: nobody has asked for its lines
             ou.setLogLevel(ou.LogLevel.LOG_WARN)

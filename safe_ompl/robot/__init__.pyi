@@ -26,7 +26,7 @@ from .joints import (
     joints_without_range as joints_without_range,
     resting_value as resting_value,
 )
-from .kinematics import Coordinates as Coordinates
+from .kinematics import Coordinates as Coordinates, EdgeTable as EdgeTable, KeyPointTable as KeyPointTable
 from .parts import Attachment as Attachment
 from .region import GoalRegion as GoalRegion, RegionPlace as RegionPlace
 from .robot import Robot as Robot, robot_hash as robot_hash

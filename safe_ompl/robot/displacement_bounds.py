@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray, finite_array, halton_point
 from safe_ompl.geometry import ConvexBodies, Hull, bounding_hull, turn_onto
-from safe_ompl.geometry.kernels import farthest_from_axes
 
 if TYPE_CHECKING:
     from safe_ompl.robot.forward_kinematics import ForwardKinematics
@@ -150,8 +149,7 @@ class JointChain:
         Seen from a link that joint i turns by Δ it is the body that turns, so that no point of it moves more than this
         distance times |Δ|: another bound of how far they approach each other. It is infinite for prismatic joints.
         """
-        distances = np.empty((len(bodies.bodies), len(self.parents)))
-        farthest_from_axes(bodies.shapes, *self._axis_reaches, distances)
+        distances = bodies.table.farthest_from_axes(*self._axis_reaches)
         distances[:, self.prismatic] = np.inf
         return distances
 

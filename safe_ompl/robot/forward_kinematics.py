@@ -26,10 +26,9 @@ from safe_ompl.common import (
     polynomials,
     told_apart,
 )
-from safe_ompl.robot import kernels as kernel
 from safe_ompl.robot.displacement_bounds import JointChain
 from safe_ompl.robot.joints import Mimic, RobotSkeleton, frame_index
-from safe_ompl.robot.kinematics import JointTable, KeyPointTable
+from safe_ompl.robot.kinematics import JOINT, KEY_POINT, EdgeTable, JointTable, KeyPointTable, unrolled
 from safe_ompl.robot.parts import RobotParts
 
 _log = logging.getLogger(__name__)
@@ -43,20 +42,20 @@ _SHORTEST = 1e-9  # interval of a motion in which joints that may leave their li
 
 
 class KinematicTree:
-    """The m joints of a robot, and K key points at `offsets` [m] in frames of `carriers`, as tables for kernels.
+    """The m joints of a robot, and K key points at `offsets` [m] in frames of `carriers`, for compiled code.
 
     `skeleton` are the key points that links (L, 2) have, as a table, and the links between these. Those that are always
     at the same place, as the origins of the joints of a wrist are, are one there.
     """
 
     def __init__(self, chain: JointChain, carriers: IntArray, offsets: FloatArray, links: IntArray) -> None:
-        self.joints = np.zeros(len(chain.parents), kernel.JOINT)
+        self.joints = np.zeros(len(chain.parents), JOINT)
         self.joints["rotation"] = [placement.rotation for placement in chain.placements]
         self.joints["translation"] = [placement.translation for placement in chain.placements]
         self.joints["axis"] = chain.axes
         self.joints["parent"] = chain.parents
         self.joints["slides"] = chain.prismatic
-        self.keypoints = np.zeros(len(carriers), kernel.KEYPOINT)
+        self.keypoints = np.zeros(len(carriers), KEY_POINT)
         self.keypoints["offset"] = offsets
         self.keypoints["joint"] = carriers
         ends, rows = self.keypoints[links.ravel()], dict[bytes, int]()
@@ -166,7 +165,6 @@ class ForwardKinematics:
         self.segment_names = skeleton.names
         self.skeleton = skeleton
         self.kinematics = KinematicTree(self._chain, skeleton.joints, skeleton.offsets, skeleton.segments)
-        self._tables = self.kinematics.joints, self.kinematics.keypoints
         self.joint_keypoint_support = self.supporting_joints(skeleton.joints)
         self._scratch = PerThread(model.createData)
         flags = self.continuous, self.prismatic, self.joint_keypoint_support
@@ -248,7 +246,7 @@ class ForwardKinematics:
 
     def unrolled(self, path: FloatArray) -> FloatArray:
         """Return the path (N, n) with continuous joints that do not jump where they wrap; others stay as they are."""
-        return kernel.unroll(plain(path), self.continuous)
+        return unrolled(plain(path), self.continuous)
 
     def within_limits(self, q: ArrayLike, tolerance: float = _WITHIN) -> BoolArray:
         """Return for each joint whether `q: (n,)` respects its limits; continuous joints always do, NaN never."""
@@ -292,21 +290,21 @@ class ForwardKinematics:
 
     def keypoints_batch(self, Q: ArrayLike) -> FloatArray:
         """Return the key points (B, K, 3) [m] for a batch of configurations `Q: (B, n)`."""
-        return kernel.keypoints(*self._tables, plain(self.model_values(Q)))
+        return self.kinematics.keypoint_table.places(plain(self.model_values(Q)))
 
     def joint_frames(self, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return rotations (B, m, 3, 3), origins and axes (B, m, 3) of the joints in the world at `Q: (B, n)`."""
-        return kernel.joint_frames(self.kinematics.joints, plain(self.coupling.values(Q)))
+        return self.kinematics.table.frames(plain(self.coupling.values(Q)))
 
     def pull_back(self, Q: FloatArray, gradients: FloatArray) -> FloatArray:
         """Map gradients (B, K, 3) by the key points at `Q: (B, n)` to gradients (B, n) by the joints, Σ_k J_kᵀ g_k."""
-        values = plain(self.model_values(Q))
-        return self.coupling.columns(kernel.pull_back(*self._tables, values, plain(gradients)))
+        values, keypoints = plain(self.model_values(Q)), self.kinematics.keypoint_table
+        return self.coupling.columns(keypoints.jacobian_transpose_product(values, plain(gradients)))
 
     def keypoint_motions(self, Q: FloatArray, delta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return x [m], dx/dt and d²x/dt², (B, K, 3) each, of key points at `Q: (B, n)` at steady rates `delta`."""
         values, rates = plain(self.model_values(Q)), plain(self.coupling.motions(delta))
-        return kernel.keypoint_motions(*self._tables, values, rates)
+        return self.kinematics.keypoint_table.motions(values, rates)
 
     def tip_pose(self, q: ArrayLike) -> pin.SE3:
         """Return the pose of the tip frame at `q: (n,)` in the world frame."""
@@ -350,41 +348,26 @@ class JointLimits:
     def __init__(self, robot: ForwardKinematics) -> None:
         lower = np.where(robot.continuous, -_LARGEST, robot.lower - _WITHIN)
         upper = np.where(robot.continuous, _LARGEST, robot.upper + _WITHIN)
-        self._bounds: FloatArray = np.array([lower, upper])
         coupling = robot.coupling
         mover = np.abs(coupling.matrix).argmax(axis=1)
         factors = np.take_along_axis(coupling.matrix, mover[:, None], axis=1)[:, 0]
-        self._coupling = np.stack([mover, factors, coupling.offsets, robot.continuous[mover]], axis=1)
-
-    @property
-    def tables(self) -> tuple[FloatArray, FloatArray]:
-        """The coupling (m, 4) and the limits (2, n) of `safe_ompl.robot.kernels.lay_edge`."""
-        return self._coupling, self._bounds
+        table = np.stack([mover, factors, coupling.offsets, robot.continuous[mover]], axis=1)
+        self.table = EdgeTable(table, np.array([lower, upper]))
 
     def hold(self, q: FloatArray) -> bool:
         """Return whether `q: (n,)` is within limits; NaN and infinity never are."""
-        return bool(kernel.within(q, self._bounds))
-
-    def lay_edge(self, start: FloatArray, end: FloatArray, edge: FloatArray) -> bool:
-        """Write start and way (2, m) of the model's joints; return whether both ends (n,) are within limits."""
-        return bool(kernel.lay_edge(start, end, self._coupling, self._bounds, edge))
-
-    def lay_edges(self, starts: FloatArray, ends: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return the same of motions between configurations (E, n): edges (E, 2, m), and of which ends hold, (E,)."""
-        edges, laid = np.empty((len(starts), 2, len(self._coupling))), np.empty(len(starts), dtype=np.bool_)
-        kernel.lay_edges(starts, ends, self._coupling, self._bounds, edges, laid)
-        return edges, laid
+        return self.table.hold(q)
 
     def within(self, lower: FloatArray, upper: FloatArray) -> JointLimits:
         """Return the limits that demand of `q: (n,)` to be within other bounds, too."""
         narrower = copy(self)
-        low, high = self._bounds
-        narrower._bounds = np.array([np.maximum(low, lower), np.minimum(high, upper)])
+        low, high = self.table.bounds
+        narrower.table = EdgeTable(self.table.coupling, np.array([np.maximum(low, lower), np.minimum(high, upper)]))
         return narrower
 
     def hold_curves(self, curves: FloatArray) -> BoolArray:
         """Return of which motions (E,) of coefficients (E, d + 1, n) the control points prove that they hold."""
-        low, high = self._bounds
+        low, high = self.table.bounds
         points = polynomials.bernstein(curves)
         return np.asarray(((low <= points) & (high >= points)).all(axis=(1, 2)))
 
@@ -394,7 +377,7 @@ class JointLimits:
         None is a proof that no joint does: control points of the Bernstein form hold the polynomial. A joint that comes
         within rounding of leaving is taken to leave. The `curve` is c_0 … c_d, each (n,).
         """
-        low, high = self._bounds[:, :, None]
+        low, high = self.table.bounds[:, :, None]
         waiting = [(0.0, 1.0, polynomials.bernstein(np.array(curve)[None])[0].T)]
         while waiting:
             begin, end, points = waiting.pop()

@@ -8,7 +8,7 @@ and where it slides R_i = R_parent·R⁰_i, and o_i moves by q_i along the axis 
 children, and have Pinocchio's numbers: 0 is the base, joint i of a table is Pinocchio's joint i + 1.
 """
 
-from libc.math cimport INFINITY, sqrt
+from libc.math cimport INFINITY, M_PI, rint, sqrt
 from libc.stdlib cimport free, malloc
 
 import numpy as np
@@ -360,10 +360,14 @@ cdef class EdgeTable:
         self.couplings = &couplings[0, 0] if self.m else NULL
         self.limits = &limits[0, 0] if self.n else NULL
 
-    def hold(self, const double[::1] q):
+    def hold(self, const double[:] q):
         """Return whether `q: (n,)` is within limits; NaN and infinity never are."""
+        cdef Py_ssize_t i
         _check_columns("configurations", q.shape[0], self.n)
-        return not self.n or all_within(&q[0], self.n, self.limits, self.limits + self.n)
+        for i in range(self.n):
+            if not self.limits[i] <= q[i] <= self.limits[self.n + i]:
+                return False
+        return True
 
     def edge(self, const double[::1] start, const double[::1] end):
         """Return start and way (2, m) of the model's joints on the straight motion between `start` and `end: (n,)`.
@@ -410,6 +414,24 @@ cdef bint edge_between(EdgeTable table, const double *start, const double *end, 
         edge[j] = row[1] * start[i] + row[2]
         edge[table.m + j] = row[1] * difference(start[i], end[i], row[3] != 0.0)
     return True
+
+
+def unrolled(const double[:, ::1] path, continuous):
+    """Return the path (N, n) with continuous joints that do not jump where they wrap; the others stay as they are."""
+    cdef Py_ssize_t N = path.shape[0], n = path.shape[1], k, i
+    cdef const unsigned char[::1] wraps = np.ascontiguousarray(continuous, dtype=np.bool_).view(np.uint8)
+    cdef double step
+    if wraps.shape[0] != n:
+        raise InputError(f"way points must have {wraps.shape[0]} joints, got {n}")
+    found, turned = np.array(path), np.zeros(n)
+    cdef double[:, ::1] points = found
+    cdef double[::1] turns = turned
+    for k in range(1, N):
+        for i in range(n):
+            step = difference(path[k - 1, i], path[k, i], wraps[i])
+            turns[i] += rint((step - (path[k, i] - path[k - 1, i])) / (2 * M_PI))
+            points[k, i] += 2 * M_PI * turns[i]
+    return found
 
 
 cdef class Coordinates:

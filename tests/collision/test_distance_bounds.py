@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 
 from safe_ompl import Box, CollisionChecker, Mesh, MotionProver, Obstacle, Pose, Robot, Scene, Verdict
 from safe_ompl.collision import FLOOR, Required, Separation
-from safe_ompl.collision.bounds import ALLOWANCE, BoundsProof, DistanceBounds
+from safe_ompl.collision.proofs import ALLOWANCE, BoundsProof, DistanceBounds
 from safe_ompl.common import Counts
 from safe_ompl.geometry import DISTANCE_ERROR, ConvexBodies
 
@@ -36,7 +36,7 @@ def along(delta):
 
 
 def proof(pairs, start, delta, required=0.0):
-    return pairs.bounds.prove((start, delta), Required.of(np.zeros(len(pairs.names)) + required + ALLOWANCE), FLOOR)
+    return pairs.bounds.prove((start, delta), Required(np.zeros(len(pairs.names)) + required + ALLOWANCE), FLOOR)
 
 
 # --------------------------------------------------------------------------------------------------- what is proven
@@ -65,7 +65,7 @@ def test_what_stands_still_in_the_middle_is_not_proven_if_it_touches_at_its_ends
         out *= 0.3 / np.linalg.norm(out)
         if checker.touches(middle + out) and not checker.touches(middle):
             touching += 1
-            least = Required.of(np.full(len(checker.pairs.names), ALLOWANCE))
+            least = Required(np.full(len(checker.pairs.names), ALLOWANCE))
             assert not checker.pairs.bounds.prove((middle + out, -4 * out, 4 * out), least, FLOOR).proven
     assert touching >= 5
 
@@ -136,7 +136,7 @@ def test_verdicts_are_those_of_coal_alone(robot_named, clutter, monkeypatch, nam
     found = [motion.check(*edge).verdict for edge in asked]
     by_bounds = replace(checker.counts)
     checker.counts.reset()
-    monkeypatch.setattr(DistanceBounds, "prove", lambda *_: BoundsProof(False, -1.0, [[0.0, 1.0]]))
+    monkeypatch.setattr(MotionProver, "_by_bounds", lambda *_: BoundsProof(False, -1.0, [[0.0, 1.0]]))
     assert [motion.check(*edge).verdict for edge in asked] == found
     assert {Verdict.FREE, Verdict.BLOCKED} <= set(found)
     assert by_bounds.margin_queries + by_bounds.collision_queries < 0.5 * checker.counts.queries
@@ -196,7 +196,7 @@ def test_accelerations_count_where_velocities_lead_past_a_surface(tmp_path):
 def test_without_pairs_everything_is_free(ur5):
     nothing = np.zeros((0, 2), np.intp), np.zeros((0, ur5.n))
     bounds = DistanceBounds(ur5, ur5.bounds.convex_bodies, *nothing, Counts())
-    assert bounds.prove(next(edges(ur5, 1)), Required.of(np.zeros(0)), FLOOR).proven
+    assert bounds.prove(next(edges(ur5, 1)), Required(np.zeros(0)), FLOOR).proven
 
 
 def test_what_has_no_end_is_left_to_coal(ur5):
@@ -206,7 +206,7 @@ def test_what_has_no_end_is_left_to_coal(ur5):
     bounds = DistanceBounds(
         ur5, ConvexBodies.of(list(geometry.geometryObjects)), np.array([[3, number]]), np.ones((1, ur5.n)), Counts()
     )
-    found = bounds.prove(next(edges(ur5, 1)), Required.of(np.zeros(1)), FLOOR)
+    found = bounds.prove(next(edges(ur5, 1)), Required(np.zeros(1)), FLOOR)
     assert not found.proven
     assert not found.covers(0.4, 0.6)
 
@@ -226,11 +226,11 @@ def test_groups_of_obstacles_change_no_verdict(panda, rng):
     places = [p for p in rng.uniform([-0.9, -0.9, 0.0], [0.9, 0.9, 1.2], (800, 3)) if np.hypot(*p[:2]) > 0.25]
     scene = Scene([Obstacle(str(k), Box((0.02, 0.03, 0.04)), Pose(place)) for k, place in enumerate(places)])
     grouped, one_by_one = CollisionChecker(panda, scene), CollisionChecker(panda, scene)
-    groups = one_by_one.pairs.bounds._data[2].groups
+    groups = one_by_one.pairs.bounds.groups
     assert np.isfinite(groups["radius"]).sum() > 20
     assert set(groups["on"]) >= {1, 4, 8}, "a body has a run of eight, and one of those that are left"
     groups["radius"] = groups["wide"] = np.inf  # none is left out, as none would be of obstacles that may be anywhere
-    assert np.isfinite(grouped.pairs.bounds._data[2].groups["radius"]).any()
+    assert np.isfinite(grouped.pairs.bounds.groups["radius"]).any()
     np.testing.assert_array_equal(grouped.pairs.bodies, one_by_one.pairs.bodies)
     proven = touching = 0
     for start, delta in edges(panda, 400, longest=0.4):

@@ -4,21 +4,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from numba import njit
 
-from safe_ompl.geometry import kernels as convex
-from safe_ompl.geometry.kernels import extreme_vertices
-
-
-@njit
-def cell_of(x, y, z, grid):
-    """Parts of kernels are called by kernels only."""
-    return convex.cell_of(x, y, z, grid)
-
-
-@njit
-def nearest_in_simplex(simplex, corners):
-    return convex.nearest_in_simplex(simplex, corners)
+from safe_ompl.geometry.convex import direction_cell, extreme_vertices, nearest_point
 
 
 def nearest(corners):
@@ -41,13 +28,12 @@ def nearest(corners):
 def test_the_nearest_point(rng, corners, away):
     between = set()
     for _ in range(300):
-        simplex = rng.normal((away, 0.0, 0.0), size=(4, 3))
-        given = simplex[:corners].copy()
-        *point, kept = nearest_in_simplex(simplex, corners)
+        given = rng.normal((away, 0.0, 0.0), size=(corners, 3))
+        point, kept = nearest_point(given)
         np.testing.assert_allclose(point, nearest(given), atol=1e-10)
-        np.testing.assert_allclose(point, nearest(simplex[:kept]), atol=1e-10)
-        assert all(any((row == corner).all() for corner in given) for row in simplex[:kept])
-        between.add(kept)
+        np.testing.assert_allclose(point, nearest(kept), atol=1e-10)
+        assert all(any((row == corner).all() for corner in given) for row in kept)
+        between.add(len(kept))
     assert len(between) > 1 or corners == 1
 
 
@@ -61,7 +47,7 @@ def test_the_nearest_point(rng, corners, away):
     ],
 )
 def test_simplices_about_the_origin_and_flat_ones(simplex, point):
-    np.testing.assert_allclose(nearest_in_simplex(np.array(simplex, dtype=float), 4)[:3], point, atol=1e-15)
+    np.testing.assert_allclose(nearest_point(np.array(simplex, dtype=float))[0], point, atol=1e-15)
 
 
 # ---------------------------------------------------------------------------- lists of vertices that may be extreme
@@ -75,11 +61,11 @@ def test_the_extreme_vertex_is_in_the_list_of_its_cell(rng, number, grid):
     assert len(starts) == 6 * grid**2 + 1
     on_borders = np.array(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3)).reshape(3, -1).T
     for direction in (*rng.normal(size=(1000, 3)), *on_borders):
-        cell = cell_of(*direction, grid)
+        cell = direction_cell(*direction, grid)
         listed = found[starts[cell] : starts[cell + 1]]
         assert (vertices[listed] @ direction).max() >= (vertices @ direction).max() - 1e-15
 
 
 def test_without_a_grid_there_is_one_cell():
-    assert cell_of(0.1, -0.2, 0.3, 0) == 0
-    assert cell_of(0.0, 0.0, 0.0, 4) == 0
+    assert direction_cell(0.1, -0.2, 0.3, 0) == 0
+    assert direction_cell(0.0, 0.0, 0.0, 4) == 0

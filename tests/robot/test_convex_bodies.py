@@ -1,4 +1,4 @@
-"""Convex bodies for the kernels: bounds of their distances against coal."""
+"""Convex bodies for compiled code: bounds of their distances against coal."""
 
 from functools import cache
 from itertools import combinations_with_replacement
@@ -7,11 +7,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from numba import njit
 
 from safe_ompl import PointCloud
-from safe_ompl.geometry import ConvexBodies, convex_hull, kernels as convex, triangle_tree
-from safe_ompl.geometry.kernels import POSE, from_box
+from safe_ompl.geometry import ConvexBodies, convex_hull, triangle_tree
 
 ERROR = 1e-5  # [m] of coal's distances
 
@@ -53,24 +51,10 @@ def swept(shape, radius):
 def bounds(first, second, axis=None, enough=np.inf, least=-np.inf):
     """Return the bounds of the distance of two geometry objects in the world."""
     model = ConvexBodies.of([first]).joined(ConvexBodies.of([second]))
-    poses = np.zeros(2, POSE)
-    for pose, body in zip(poses, model.bodies, strict=True):
-        pose["rotation"], pose["origin"] = body["rotation"], body["translation"]
-        pose["centre"] = body["translation"] + body["rotation"] @ body["centre"]
     if axis is None:
-        axis = poses[0]["centre"] - poses[1]["centre"]
-    return distance_bounds(model.shapes, poses, np.array(axis), enough, least)[:2]
-
-
-@njit
-def distance_bounds(shapes, poses, axis, enough, least):
-    """Parts of kernels are called by kernels only."""
-    return convex.distance_bounds(shapes, poses, 0, 1, axis, np.empty((4, 3)), enough, least)
-
-
-@njit
-def support(body, pose, starts, vertices, x, y, z):
-    return convex.support(body, pose, starts, vertices, x, y, z)
+        a, b = (body["translation"] + body["rotation"] @ body["centre"] for body in model.bodies)
+        axis = a - b
+    return model.table.distance_bounds(0, 1, axis, enough, least)
 
 
 def placed(shape, rng, reach):
@@ -110,23 +94,17 @@ def test_what_is_enclosed_is_not_farther_than_it_is(rng, name, other):
         assert bounds(first, second)[0] <= coals(first, second) + ERROR
 
 
-@njit
-def way_from_box(body, pose, point):
-    return from_box(body, pose, point)
-
-
 @pytest.mark.parametrize("name", [*SOLIDS, *OTHERS])
 def test_the_ball_and_the_box_about_a_body_hold_it(rng, name):
     part = placed((SOLIDS | OTHERS)[name](rng), rng, 0.0)
     model = ConvexBodies.of([part])
-    body, pose = model.bodies[0], np.zeros(1, POSE)[0]
-    pose["rotation"], pose["centre"] = np.eye(3), body["centre"]
+    body, table = model.bodies[0], model.table
+    centre = body["translation"] + body["rotation"] @ body["centre"]
     for direction in rng.normal(size=(200, 3)):
         direction /= np.linalg.norm(direction)
-        point = np.array(support(body, pose, model.starts, model.vertices, *direction))
-        point += body["ball"] * direction
-        assert np.linalg.norm(point - body["centre"]) <= body["reach"] + 1e-12
-        np.testing.assert_allclose(way_from_box(body, pose, point), 0.0, atol=1e-12)
+        point = table.support(0, direction) + body["ball"] * direction
+        assert np.linalg.norm(point - centre) <= body["reach"] + 1e-12
+        np.testing.assert_allclose(table.way_from_box(0, point), 0.0, atol=1e-12)
 
 
 def test_what_has_no_end_is_known():

@@ -1,7 +1,6 @@
 """`safe-ompl doctor`: what is installed, and what of it fails; it compiles kernels that the wheel does not hold.
 
-Two processes compile them, so that nobody waits for them later. Kernels are compiled for one kind of arguments,
-whatever the robot: a small one beside somebody has nearly all of them.
+These are those of pictures. Kernels are compiled for one kind of arguments, whatever the robot.
 """
 
 from __future__ import annotations
@@ -22,28 +21,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from safe_ompl.apps.cli import arguments, output
-from safe_ompl.collision import prove_curve
 from safe_ompl.common import PlanningError, compile_together, origin
-from safe_ompl.danger import CertifiedDanger, DangerField
-from safe_ompl.drawing import render_path
-from safe_ompl.geometry import Obstacle, Person, Pose
-from safe_ompl.live import Surroundings, Tracker, find_skeleton
-from safe_ompl.live.replanning import Replanner
-from safe_ompl.motions import RateLimits, time_path
-from safe_ompl.planning import PLAN_JOBS, SafeSetup, setup_scenario, small_robot
-from safe_ompl.planning.simplification import ask_for_retreats
-from safe_ompl.scene import People, Scene
+from safe_ompl.drawing import interpolated, render_path
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import Scene
 from safe_ompl.version import __version__
 
 _SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 600.0  # [s]: a slow machine calls all, too
-_TICKS = 8
-ALL_JOBS = (  # those that need what a plan needs come after it
-    *PLAN_JOBS,
-    f"{__name__}:ask_for_bounds",
-    f"{__name__}:ask_for_simplification",
-    f"{__name__}:ask_for_people",
-    f"{__name__}:ask_for_pictures",
-)
+ALL_JOBS = (f"{__name__}:ask_for_pictures",)
 
 
 def examine() -> int:
@@ -58,7 +43,7 @@ def examine() -> int:
         table.add_row(name, found or "missing", escape(f"needs {bounds}" if bounds else ""))
         healthy &= found is not None or bool(extra)
     output.console().print(table)
-    output.console().print(escape(f"kernels: {origin(prove_curve)}"), soft_wrap=True)
+    output.console().print(escape(f"kernels: {origin(interpolated)}"), soft_wrap=True)
     compile_all()
     trials: dict[str, Callable[[], Any]] = {f"kernels: {job.rpartition(':')[2]}": resolve_name(job) for job in ALL_JOBS}
     trials["plan"] = _plan
@@ -111,39 +96,9 @@ def _plan() -> None:
 def compile_all() -> None:
     """Compile what is not kept yet, and can be."""
     with suppress(Exception):  # of a job; `examine` does each job again, and says which one fails
-        compile_together([prove_curve], ALL_JOBS)
-
-
-def ask_for_bounds() -> None:
-    """Call what bounds of the danger on a path need, and what pushes a robot away."""
-    q, field = np.zeros(2), DangerField(small_robot(), [[2.0, 2.0, 2.0]])
-    CertifiedDanger(field).of_path([q, q + 1.0])
-    field.push(q)
-
-
-def ask_for_simplification() -> None:
-    """Call what planning and simplification need."""
-    robot = small_robot()
-    setup = SafeSetup(robot, Scene((Obstacle("person", Person(), Pose((1.4, 0.0, -1.0))),)))
-    setup.setConfigurations([-1.0, 0.0], [1.0, 0.0])
-    setup.plan(_PLANNER, time=_TIME, seed=0, simplify=True)
-    ask_for_retreats()
-
-
-def ask_for_people() -> None:
-    """Call what a robot needs to drive beside people."""
-    robot, skeleton = small_robot(), find_skeleton("recording12")
-    replanner = Replanner(robot, Surroundings(Scene(), {"anna": Tracker(skeleton)}, people=People(speed=1.6)))
-    limits = RateLimits.of(robot, acceleration=10.0)
-    replanner.start(time_path([[-1.0, 0.0], [1.0, 0.0]], robot, limits, motion=replanner.prover))
-    keypoints = np.random.default_rng(0).uniform(-0.3, 0.3, (12, 3))
-    for tick in range(_TICKS):  # until the robot retreats
-        keypoints_now = keypoints + (1.0 - 0.07 * tick) * np.array([0.9, -0.5, 0.2])
-        replanner.update({"anna": keypoints_now}, {}, 0.05 * tick)
-        replanner.command(0.05 * tick + 0.02)
-        replanner.think()
+        compile_together([interpolated], ALL_JOBS)
 
 
 def ask_for_pictures() -> None:
     """Call what a picture needs."""
-    render_path(small_robot(), Scene(), np.zeros((2, 2)), size=(16, 16))
+    render_path(arguments.load_scenario(_SCENARIO).build_robot(), Scene(), np.zeros((2, 2)), size=(16, 16))

@@ -706,8 +706,8 @@ cdef class Growth:
         bounds = required.pairs.bounds
         if self.required_by is not required or self.known_bounds is not bounds:
             self.required_by, self.known_bounds, self.work = None, bounds, None
-            self.bounds = _compiled_bounds(motion, required.pairs)
-            self.limits = EdgeTable(*self.problem.limits_of(motion).tables)
+            self.bounds = bounds
+            self.limits = self.problem.limits_of(motion).table
             self.least, self.meets = required.least.copy(), required.pairs.meets_obstacle.view(np.uint8).copy()
             self.required, self.kept, self.floor = np.empty(len(self.least)), -1.0, motion.floor
             pairs, joints = self.bounds.pairs.count, self.bounds.pairs.m
@@ -734,13 +734,6 @@ cdef class Growth:
             self.field.count(self.evaluations, len(self.own_danger.points))
         self.places = self.evaluations = 0
         return 0
-
-
-def _compiled_bounds(motion, pairs):
-    """Return the bounds of distances for compiled code, made from those for Numba."""
-    return DistanceBounds(
-        motion.checker.robot, pairs._table.convex_bodies, pairs.bodies, pairs._joint_radii, motion.checker.counts
-    )
 
 
 cdef double _least_root_cost(const Nodes *tree) noexcept nogil:

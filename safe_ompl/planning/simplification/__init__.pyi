@@ -1,5 +1,4 @@
 from .cost import PathCost as PathCost
-from .edges import ask_for_retreats as ask_for_retreats
 from .measures import (
     PROFILE_POINTS as PROFILE_POINTS,
     ClearanceReport as ClearanceReport,

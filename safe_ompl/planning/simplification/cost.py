@@ -4,63 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from math import inf, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision import CollisionChecker, MotionProver, NearPairs, PairDistances, hinge_costs
-from safe_ompl.common import BoolArray, FloatArray, IntArray, caller, compiled, number
+from safe_ompl.collision import CollisionChecker, MotionProver, NearPairs, PairDistances
+from safe_ompl.common import BoolArray, FloatArray, IntArray, number
 from safe_ompl.danger import DangerField
-from safe_ompl.danger.kernels import PointDanger, dangers
-from safe_ompl.planning.simplification.measures import Curve, spread
+from safe_ompl.planning.simplification.costs import DangerTerms, Densities, QuadraticModel, gauss_points, spread
+from safe_ompl.planning.simplification.measures import Curve
 from safe_ompl.robot import Robot, plain
-from safe_ompl.robot.kernels import way
 
 STEP = 0.05  # [rad] between the samples of the cost of a path, as in its report
 WEIGHT = 5.0  # of danger against length
 _REFERENCE_SAMPLES = 64
-
-_TINY = 1e-12  # [rad]
-_SHORT = 0.1  # shorter segments than this share of the mean count as such a share
-
-
-class DangerTerms(NamedTuple):
-    """What kernels need of J: danger, λ, and the model's joints, matrix (m, n)·q + shift (m,)."""
-
-    danger: PointDanger
-    weight: float
-    matrix: FloatArray
-    shift: FloatArray
-
-
-class Densities(NamedTuple):
-    """What kernels need of the cost near a path: of J, and of obstacles as `hinge_costs` does."""
-
-    terms: DangerTerms
-    carriers: IntArray
-    near: FloatArray
-    hinges: FloatArray
-
-
-class AtNodes(NamedTuple):
-    """Danger (B,) and obstacle cost (B,) at Gauss points, their gradients (B, m), and what bends, (C, m)."""
-
-    danger: FloatArray
-    slopes: FloatArray
-    near: FloatArray
-    pushes: FloatArray
-    bends: FloatArray
-
-
-class QuadraticModel(NamedTuple):
-    """Cost, and that of obstacles in it; gradient (N, n); about the Hessian, blocks (N, n, n), (N − 1, n, n) beside."""
-
-    value: float
-    near: float
-    gradient: FloatArray
-    blocks: FloatArray
-    beside: FloatArray
 
 
 class DangerDensity:
@@ -77,10 +33,9 @@ class DangerDensity:
         return density
 
     def terms(self, chosen: BoolArray | None = None) -> DangerTerms:
-        """Return what kernels need of the density, or of that of the danger points which are chosen (M,)."""
+        """Return the density, or that of the danger points which are chosen (M,), for compiled code."""
         coupling, weight = self.field.robot.coupling, self.weight / self.reference**2
-        danger = self.field.for_kernels(chosen)
-        return DangerTerms(danger, weight, np.array(coupling.matrix), np.array(coupling.offsets))
+        return DangerTerms(self.field.point_danger(chosen), weight, coupling.matrix, coupling.offsets)
 
 
 def reference_danger(field: DangerField, checker: CollisionChecker) -> float:
@@ -177,7 +132,7 @@ class ActiveSetCost:
         self._near: tuple[IntArray, FloatArray] = np.zeros(0, dtype=np.intp), np.zeros((0, 10))
         self._hinges = np.zeros((0, 2)) if obstacles is None else obstacles.hinges
         self.look_at(path)
-        self.ceiling, samples = path_cost(self.terms, plain(path), STEP)
+        self.ceiling, samples = self.terms.path_cost(plain(path), STEP)
         self.count(samples)
 
     def look_at(self, path: FloatArray, besides: FloatArray | None = None) -> bool:
@@ -193,14 +148,14 @@ class ActiveSetCost:
 
     def count(self, configurations: int) -> None:
         """Count so many evaluations of the danger."""
-        self.everywhere.field.count(configurations, len(self.terms.danger.points.charges))
+        self.everywhere.field.count(configurations, len(self.terms.danger.points))
 
     def of(self, path: FloatArray) -> float:
         """Return J of an unrolled path (N, n), without obstacle cost; as in its report where that is near `ceiling`."""
-        cost, samples = path_cost(self.terms, plain(path), _COARSE)
+        cost, samples = self.terms.path_cost(plain(path), _COARSE)
         self.count(samples)
         if abs(cost - self.ceiling) < _DOUBT * cost:
-            cost, samples = path_cost(self.terms, plain(path), STEP)
+            cost, samples = self.terms.path_cost(plain(path), STEP)
             self.count(samples)
         return cost
 
@@ -211,197 +166,13 @@ class ActiveSetCost:
             self._near = near.carriers, near.table
 
     def densities(self) -> Densities:
-        """Return what kernels need of both costs near the path that was last anchored."""
+        """Return both costs near the path that was last anchored, for compiled code."""
         return Densities(self.terms, *self._near, self._hinges)
 
     def model(self, path: FloatArray, known: tuple[FloatArray, FloatArray] | None = None) -> QuadraticModel:
-        """Return J and obstacle cost, by two Gauss points on each segment of an unrolled path (N, n).
+        """Return the model of J and obstacle cost near an unrolled path (N, n); see `Densities.model`.
 
-        Length resists bending like springs, Σ f/2ℓ·‖x_{k+1} − x_k‖² with the path's mean density f. What the
-        densities add is their Gauss-Newton part; so the whole is positive. Danger (B,) and its gradients (B, m) at the
-        Gauss points may be `known`.
+        Danger (B,) and its gradients (B, m) at the Gauss points may be `known`.
         """
         self.count(0 if known else 2 * len(path) - 2)
-        nothing = np.empty(0), np.empty((0, len(self.terms.shift)))
-        model: QuadraticModel = modelled(self.densities(), plain(path), *(known or nothing))
-        return model
-
-
-# ------------------------------------------------------------------------------------------------------------ kernels
-
-# Of a segment Δ of length ℓ = ‖Δ‖ with nodes at the shares t_j of its way J is ℓ·mean_j f_j. With way points x_k it has
-# the gradients mean f·Δ/ℓ + ℓ·mean_j t_j ∇f_j at its end and −mean f·Δ/ℓ + ℓ·mean_j (1 − t_j) ∇f_j at its start.
-
-_OFFSET = 0.5 / sqrt(3.0)
-_FIRST, _SECOND = 0.5 - _OFFSET, 0.5 + _OFFSET  # t_j: exact to the third order
-
-
-@compiled
-def gauss_points(path: FloatArray) -> FloatArray:
-    """Return the Gauss points (2N − 2, n) of the segments of a path (N, n)."""
-    out = np.empty((2 * len(path) - 2, path.shape[1]))
-    for b in range(len(out)):
-        t = _SECOND if b % 2 else _FIRST
-        for i in range(path.shape[1]):
-            out[b, i] = path[b // 2, i] + t * (path[b // 2 + 1, i] - path[b // 2, i])
-    return out
-
-
-@compiled
-def joint_values(Q: FloatArray, matrix: FloatArray, shift: FloatArray) -> FloatArray:
-    """Return matrix (m, n)·q + shift (m,) at `Q: (B, n)`."""
-    out = np.empty((len(Q), len(shift)))
-    for b in range(len(Q)):
-        for j in range(len(shift)):
-            out[b, j] = shift[j]
-            for i in range(Q.shape[1]):
-                out[b, j] += matrix[j, i] * Q[b, i]
-    return out
-
-
-@caller
-def danger_at(terms: DangerTerms, Q: FloatArray, slopes: FloatArray) -> FloatArray:
-    """Return the danger (B,) at `Q: (B, n)`, and write its gradients by the model's joints, (B or 0, m)."""
-    tables, points, aggregate = terms.danger
-    if len(points.charges) == 0:
-        return np.zeros(len(Q))
-    return dangers(tables, joint_values(Q, terms.matrix, terms.shift), points, aggregate, slopes)
-
-
-@caller
-def path_cost(terms: DangerTerms, path: FloatArray, step: float) -> tuple[float, int]:
-    """Return J of an unrolled path (N, n) by the trapezoidal rule, and from how many samples [rad] apart."""
-    samples, length = spread(path, step)
-    danger, total = danger_at(terms, samples, np.empty((0, len(terms.shift)))), 0.0
-    count = len(danger) - 1
-    for k in range(count + 1):
-        total += (0.5 if k == 0 or k == count else 1.0) * danger[k] ** 2
-    return length * (1.0 + terms.weight * total / count), count + 1
-
-
-_SPACING = 0.8  # [rad] between the samples of an edge's cost
-_FEWEST, _MOST = 2, 4  # samples of an edge
-
-
-@caller
-def edge_costs(terms: DangerTerms, path: FloatArray, wanted: BoolArray, wraps: BoolArray) -> tuple[FloatArray, int]:
-    """Return J (N, N) by the midpoint rule of edges between way points (N, n), and from how many samples.
-
-    Of edges to earlier way points, and of those that are not `wanted: (N, N)`, it is ∞.
-    """
-    N, n = path.shape
-    samples, costs, total = np.empty((_MOST * np.sum(wanted), n)), np.full((N, N), inf), 0
-    numbers = np.zeros((N, N), np.int64)
-    for a in range(N):
-        for b in range(a + 1, N):
-            if not wanted[a, b]:
-                continue
-            squares = 0.0
-            for i in range(n):
-                squares += way(path[a, i], path[b, i], wraps[i]) ** 2
-            costs[a, b] = sqrt(squares)
-            numbers[a, b] = min(_MOST, max(_FEWEST, int(np.ceil(costs[a, b] / _SPACING))))
-            for s in range(numbers[a, b]):
-                for i in range(n):
-                    samples[total, i] = path[a, i] + (s + 0.5) / numbers[a, b] * way(path[a, i], path[b, i], wraps[i])
-                total += 1
-    danger, s = danger_at(terms, samples[:total], np.empty((0, len(terms.shift)))), 0
-    for a in range(N):
-        for b in range(a + 1, N):
-            squares = 0.0
-            for _ in range(numbers[a, b]):
-                squares += danger[s] ** 2
-                s += 1
-            costs[a, b] *= 1.0 + terms.weight * squares / max(1, numbers[a, b])
-    return costs, total
-
-
-@caller
-def at_nodes(densities: Densities, path: FloatArray, danger: FloatArray, slopes: FloatArray) -> AtNodes:
-    """Return what the densities are at the Gauss points of a path (N, n); the danger may be known, with its slopes."""
-    terms, nodes = densities.terms, gauss_points(path)
-    values = joint_values(nodes, terms.matrix, terms.shift)
-    if len(danger) == 0:
-        slopes = np.zeros(values.shape)
-        danger = danger_at(terms, nodes, slopes)
-    near, pushes, bends = hinge_costs(
-        terms.danger.tables.joints, values, densities.carriers, densities.near, densities.hinges
-    )
-    return AtNodes(danger, slopes, near, pushes, bends)
-
-
-@compiled
-def integrated(
-    path: FloatArray, found: AtNodes, densities: Densities, blocks: FloatArray, beside: FloatArray
-) -> tuple[float, float, FloatArray]:
-    """Return the cost of a path (N, n), the part of it that obstacles are, and its gradient (N, n).
-
-    Where there is room, about the Hessian is added to blocks (N or 0, n, n), and (N − 1 or 0, n, n) beside them.
-    """
-    (N, n), matrix, rate = path.shape, densities.terms.matrix, 2.0 * densities.terms.weight
-    total, close, gradient, slope, bend = 0.0, 0.0, np.zeros(path.shape), np.zeros((2, n)), np.zeros(n)
-    lengths = np.zeros(N - 1)
-    for k in range(N - 1):
-        for i in range(n):
-            lengths[k] += (path[k + 1, i] - path[k, i]) ** 2
-        lengths[k] = sqrt(lengths[k])
-        mean, slope[:] = 1.0, 0.0
-        for side in range(2):
-            b = 2 * k + side
-            mean += 0.5 * (0.5 * rate * found.danger[b] ** 2 + found.near[b])
-            close += 0.5 * lengths[k] * found.near[b]
-            for j in range(len(matrix)):
-                steepness = rate * found.danger[b] * found.slopes[b, j] + found.pushes[b, j]
-                for i in range(n):
-                    slope[side, i] += 0.5 * lengths[k] * steepness * matrix[j, i]
-        total += lengths[k] * mean
-        for i in range(n):
-            stretch = mean / max(lengths[k], _TINY) * (path[k + 1, i] - path[k, i])
-            gradient[k, i] += _SECOND * slope[0, i] + _FIRST * slope[1, i] - stretch
-            gradient[k + 1, i] += _FIRST * slope[0, i] + _SECOND * slope[1, i] + stretch
-    whole = 0.0
-    for k in range(N - 1):
-        whole += lengths[k]
-    whole = max(whole, _TINY)
-    for k in range(len(beside)):
-        stiffness = total / whole / max(lengths[k], _SHORT * whole / (N - 1))
-        for i in range(n):
-            blocks[k, i, i] += stiffness
-            blocks[k + 1, i, i] += stiffness
-            beside[k, i, i] -= stiffness
-    for c in range(2 * len(beside) + len(found.bends) if len(beside) > 0 else 0):
-        b = c if c < 2 * len(beside) else int(densities.near[c - 2 * len(beside), 0])
-        k, t = b // 2, _SECOND if b % 2 else _FIRST
-        bend[:] = 0.0
-        for j in range(len(matrix)):
-            each = sqrt(rate) * found.slopes[b, j] if c < 2 * len(beside) else found.bends[c - 2 * len(beside), j]
-            for i in range(n):
-                bend[i] += each * matrix[j, i]
-        for i in range(n):
-            for j in range(n):
-                square = 0.5 * lengths[k] * bend[i] * bend[j]
-                blocks[k, i, j] += (1.0 - t) ** 2 * square
-                blocks[k + 1, i, j] += t**2 * square
-                beside[k, i, j] += t * (1.0 - t) * square
-    return total, close, gradient
-
-
-@caller
-def modelled(densities: Densities, path: FloatArray, danger: FloatArray, slopes: FloatArray) -> QuadraticModel:
-    """Return the model of the cost of a path (N, n); the danger at its Gauss points may be known, with its slopes."""
-    (N, n), found = path.shape, at_nodes(densities, path, danger, slopes)
-    blocks, beside = np.zeros((N, n, n)), np.zeros((N - 1, n, n))
-    value, near, gradient = integrated(path, found, densities, blocks, beside)
-    return QuadraticModel(value, near, gradient, blocks, beside)
-
-
-@compiled
-def chained(costs: FloatArray) -> IntArray:
-    """Return what comes before each node (N,) on the cheapest way to it, by the costs (N, N) of edges to later ones."""
-    best, before = np.zeros(len(costs)), np.zeros(len(costs), np.int64)
-    for j in range(1, len(costs)):
-        best[j] = best[0] + costs[0, j]
-        for i in range(1, j):
-            if best[i] + costs[i, j] < best[j]:
-                best[j], before[j] = best[i] + costs[i, j], i
-    return before
+        return self.densities().model(plain(path), *(known or ()))

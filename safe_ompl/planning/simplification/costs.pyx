@@ -4,17 +4,20 @@ Of a segment Δ of length ℓ = ‖Δ‖ with nodes at the shares t_j of its way
 the gradients mean f·Δ/ℓ + ℓ·mean_j t_j ∇f_j at its end and −mean f·Δ/ℓ + ℓ·mean_j (1 − t_j) ∇f_j at its start.
 """
 
-from libc.math cimport INFINITY, M_PI, ceil, fabs, rint, sqrt
+from libc.math cimport INFINITY, ceil, fabs, sqrt
+from libc.stdlib cimport free, malloc
+from libc.string cimport memset
 
-from safe_ompl.collision.proofs cimport DistanceBounds, Outcome, Required, Workspace, prove_edge
+from safe_ompl.collision.proofs cimport (
+    DistanceBounds, Outcome, Required, Workspace, add_hinge_costs, check_near, prove_edge,
+)
 from safe_ompl.danger.static cimport PointDanger
-from safe_ompl.robot.kinematics cimport EdgeTable, difference
+from safe_ompl.robot.kinematics cimport EdgeTable, JointTable, difference
 
 from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.collision.proofs import hinge_costs
 from safe_ompl.common import InputError
 from safe_ompl.danger.static import MAXIMUM
 
@@ -77,24 +80,6 @@ def spread(path, double step):
     return at_arc_lengths(path, arc, np.arange(count + 1) * (length / count)), length
 
 
-def unrolled(const double[:, ::1] path, continuous):
-    """Return the path (N, n) with continuous joints that do not jump where they wrap; the others stay as they are."""
-    cdef Py_ssize_t N = path.shape[0], n = path.shape[1], k, i
-    cdef const unsigned char[::1] wraps = np.ascontiguousarray(continuous, dtype=np.bool_).view(np.uint8)
-    cdef double step
-    if wraps.shape[0] != n:
-        raise InputError(f"way points must have {wraps.shape[0]} joints, got {n}")
-    found, turned = np.array(path), np.zeros(n)
-    cdef double[:, ::1] points = found
-    cdef double[::1] turns = turned
-    for k in range(1, N):
-        for i in range(n):
-            step = difference(path[k - 1, i], path[k, i], wraps[i])
-            turns[i] += rint((step - (path[k, i] - path[k - 1, i])) / (2 * M_PI))
-            points[k, i] += 2 * M_PI * turns[i]
-    return found
-
-
 def gauss_points(const double[:, ::1] path):
     """Return the Gauss points (2N − 2, n) of the segments of a path (N, n)."""
     cdef Py_ssize_t N = path.shape[0], n = path.shape[1]
@@ -152,18 +137,14 @@ cdef class DangerTerms:
                     values[self.m * b + j] += self._matrix[j, i] * Q[self.n * b + i]
         return self.danger.write(values, B, slopes, danger) if danger != NULL else 0
 
-    def by_planned_joints(self, const double[:, ::1] slopes):
-        """Return derivatives (C, n) by the planned joints from those (C, m) by the model's joints."""
-        cdef Py_ssize_t C = slopes.shape[0], c, i, j
-        found = np.zeros((C, self.n))
-        cdef double[:, ::1] out = found
-        if slopes.shape[1] != self.m:
-            raise InputError(f"derivatives must be by {self.m} joints, got {slopes.shape[1]}")
+    cdef void write_by_planned_joints(self, const double *slopes, Py_ssize_t C, double *out) noexcept nogil:
+        """Write derivatives (C, n) by the planned joints from those (C, m) by the model's joints."""
+        cdef Py_ssize_t c, i, j
         for c in range(C):
             for i in range(self.n):
+                out[self.n * c + i] = 0.0
                 for j in range(self.m):
-                    out[c, i] += self._matrix[j, i] * slopes[c, j]
-        return found
+                    out[self.n * c + i] += self._matrix[j, i] * slopes[self.m * c + j]
 
     def path_cost(self, const double[:, ::1] path, double step):
         """Return J of an unrolled path (N, n) by the trapezoidal rule, and from how many samples [rad] apart."""
@@ -238,13 +219,58 @@ class QuadraticModel(NamedTuple):
     beside: object
 
 
-# Danger (B,) and obstacle cost (B,) at B Gauss points, their gradients (B, m), and what bends the latter, (C, m).
-cdef struct AtNodes:
-    const double *danger
-    const double *slopes
-    const double *near
-    const double *pushes
-    const double *bends
+cdef class PricedPath:
+    """A path of N way points, and what it costs: the cost of obstacles in it, the gradient, danger at B Gauss points.
+
+    Attributes
+    ----------
+    value, near : float
+        The cost, and the part of it that obstacles are.
+    path, gradient : ndarray, shape (N, n)
+    danger, slopes : ndarray, shapes (B,) and (B, m)
+        The danger, and its gradients by the model's joints.
+    """
+
+    cdef readonly double value, near
+    cdef readonly object path, gradient, danger, slopes
+    cdef Py_ssize_t N, n, m
+    cdef double *_path
+    cdef double *_gradient
+    cdef double *_danger
+    cdef double *_slopes
+    # Working memory: nodes (B, n), values of the joints and pushes of obstacles (B, m), costs of these (B,), lengths of
+    # segments (N − 1,), and frames of the joints (15 m,).
+    cdef double *_nodes
+    cdef double *_values
+    cdef double *_pushes
+    cdef double *_nears
+    cdef double *_lengths
+    cdef double *_frames
+
+    def __cinit__(self, path, Py_ssize_t m):
+        cdef Py_ssize_t N = path.shape[0], n = path.shape[1], B = 2 * N - 2
+        if N < 2 or n < 1 or m < 1:
+            raise InputError(f"a path needs two way points of one joint at least, got {N} of {n}")
+        cdef double[:, ::1] rows = np.array(path, dtype=np.float64, order="C")
+        cdef double[:, ::1] gradient = np.zeros((N, n))
+        cdef double[::1] danger = np.zeros(B)
+        cdef double[:, ::1] slopes = np.zeros((B, m))
+        self.path, self.gradient, self.danger, self.slopes = rows.base, gradient.base, danger.base, slopes.base
+        self._path, self._gradient, self._danger, self._slopes = (
+            &rows[0, 0], &gradient[0, 0], &danger[0], &slopes[0, 0]
+        )
+        self.N, self.n, self.m = N, n, m
+        self._nodes = <double *> malloc((B * n + 2 * B * m + B + N + 15 * m) * sizeof(double))
+        if not self._nodes:
+            raise MemoryError
+        self._values = self._nodes + B * n
+        self._pushes = self._values + B * m
+        self._nears = self._pushes + B * m
+        self._lengths = self._nears + B
+        self._frames = self._lengths + N
+
+    def __dealloc__(self):
+        free(self._nodes)
 
 
 cdef class Densities:
@@ -264,66 +290,75 @@ cdef class Densities:
 
     cdef readonly DangerTerms terms
     cdef readonly object carriers, near, hinges
-    cdef object _joints
+    cdef JointTable _joints
+    cdef const Py_ssize_t[::1] _carriers
     cdef const double[:, ::1] _near
+    cdef const double[:, ::1] _hinges
+    cdef Py_ssize_t _rows
 
     def __init__(self, DangerTerms terms not None, carriers, near, hinges):
         self.terms, self.carriers, self.near, self.hinges = terms, carriers, near, hinges
-        self._joints, self._near = terms.danger.skeleton.keys.joints, near
+        self._joints = terms.danger.skeleton.keys.joints
+        self._carriers, self._near, self._hinges = carriers, near, hinges
+        self._rows = 1 + int(np.max(near[:, 0], initial=-1.0))
+        check_near(self._joints, self._rows, self._carriers, self._near, self._hinges)
 
-    def model(self, const double[:, ::1] path, danger=None, slopes=None):
+    cdef int check(self, Py_ssize_t n, Py_ssize_t rows) except -1:
+        """Raise InputError if configurations (rows, n) are of other joints, or fewer than those with near pairs."""
+        if n != self.terms.n or rows < self._rows:
+            raise InputError(f"costs are of {self.terms.n} joints at {self._rows} places at least, got {n} at {rows}")
+        return 0
+
+    cdef void add_near(
+        self, const double *values, double *frames, double *costs, double *gradients, double *vectors
+    ) noexcept nogil:
+        """Add what obstacles cost (B,) at values (B, m) of the joints; see `add_hinge_costs`."""
+        cdef Py_ssize_t C = self._near.shape[0], H = self._hinges.shape[0]
+        if C and H:
+            add_hinge_costs(
+                self._joints.data, self.terms.m, values, &self._carriers[0], &self._near[0, 0], C, &self._hinges[0, 0],
+                H, frames, costs, gradients, vectors,
+            )
+
+    cdef int price(self, PricedPath at, bint known, double *vectors) except -1 nogil:
+        """Write what a path costs, whose danger may be known, and vectors (C, m) that bend the cost, unless NULL."""
+        cdef Py_ssize_t B = 2 * at.N - 2, m = at.m
+        _write_gauss_points(at._path, at.N, at.n, at._nodes)
+        if not known:
+            memset(at._slopes, 0, B * m * sizeof(double))
+        self.terms.write(
+            at._nodes, B, at._values, NULL if known else at._slopes, NULL if known else at._danger
+        )
+        memset(at._pushes, 0, B * m * sizeof(double))
+        memset(at._nears, 0, B * sizeof(double))
+        self.add_near(at._values, at._frames, at._nears, at._pushes, vectors)
+        _integrate(at, self.terms)
+        return 0
+
+    def model(self, path, danger=None, slopes=None):
         """Return the model of the cost of an unrolled path (N, n), by two Gauss points on each segment.
 
         Length resists bending like springs, Σ f/2ℓ·‖x_{k+1} − x_k‖² with the path's mean density f. What the densities
         add is their Gauss-Newton part; so the whole is positive. Danger (B,) and its gradients (B, m) at the Gauss
         points may be known.
         """
-        cdef Py_ssize_t N = path.shape[0], n = path.shape[1]
-        if n != self.terms.n or N < 2:
-            raise InputError(f"a path needs two way points of {self.terms.n} joints each at least")
-        blocks, beside, gradient = np.zeros((N, n, n)), np.zeros((N - 1, n, n)), np.zeros((N, n))
-        value, near = self._integrated(path, danger, slopes, gradient, blocks, beside)[:2]
-        return QuadraticModel(value, near, gradient, blocks, beside)
-
-    def _integrated(self, const double[:, ::1] path, danger, slopes, double[:, ::1] gradient, blocks, beside):
-        """Return the cost of a path (N, n), the part of it that obstacles are, and danger and slopes at its nodes.
-
-        The gradient (N, n) is written. Unless they are None, about the Hessian is added to blocks (N, n, n), and
-        (N − 1, n, n) beside them.
-        """
-        cdef Py_ssize_t N = path.shape[0], n = path.shape[1], m = self.terms.m, B = 2 * N - 2
-        cdef double value, close = 0.0
+        cdef PricedPath at = PricedPath(path, self.terms.m)
+        cdef Py_ssize_t N = at.N, n = at.n, C = self._near.shape[0]
         cdef bint known = danger is not None
-        nodes, joints = np.empty((B, n)), np.empty((B, m))
-        cdef double[:, ::1] node = nodes
-        cdef double[:, ::1] joint = joints
-        if not known:
-            danger, slopes = np.empty(B), np.zeros((B, m))
-        cdef double[::1] level = danger
-        cdef double[:, ::1] slope = slopes
-        if level.shape[0] != B or slope.shape[0] != B or slope.shape[1] != m:
-            raise InputError(f"the danger must be known at {B} Gauss points")
-        _write_gauss_points(&path[0, 0], N, n, &node[0, 0])
+        self.check(n, 2 * N - 2)
+        if known:
+            if danger.shape[0] != 2 * N - 2 or slopes.shape[0] != 2 * N - 2 or slopes.shape[1] != at.m:
+                raise InputError(f"the danger must be known at {2 * N - 2} Gauss points")
+            at.danger[:], at.slopes[:] = danger, slopes
+        blocks, beside, vectors = np.zeros((N, n, n)), np.zeros((N - 1, n, n)), np.zeros((C + 1, at.m))
+        cdef double[:, :, ::1] block = blocks
+        cdef double[:, :, ::1] side = beside
+        cdef double[:, ::1] vector = vectors
+        cdef double[::1] bend = np.zeros(n)
         with nogil:
-            self.terms.write(
-                &node[0, 0], B, &joint[0, 0], NULL if known else &slope[0, 0], NULL if known else &level[0]
-            )
-        near, pushes, bends = hinge_costs(self._joints, joints, self.carriers, self.near, self.hinges)
-        cdef double[::1] nears = near
-        cdef double[:, ::1] push = pushes
-        cdef double[:, ::1] bend = bends
-        cdef AtNodes found = AtNodes(&level[0], &slope[0, 0], &nears[0], &push[0, 0], NULL)
-        if bend.shape[0]:
-            found.bends = &bend[0, 0]
-        lengths = np.zeros(N - 1)
-        cdef double[::1] length = lengths
-        cdef double[:, :, ::1] block
-        cdef double[:, :, ::1] side
-        value = _integrate(&path[0, 0], N, n, self.terms, &found, &gradient[0, 0], &length[0], &close)
-        if blocks is not None:
-            block, side = blocks, beside
-            _add_curvature(self, N, n, &found, &length[0], value, &block[0, 0, 0], &side[0, 0, 0])
-        return value, close, danger, slopes
+            self.price(at, known, &vector[0, 0])
+            _add_curvature(self, at, &vector[0, 0], &bend[0], &block[0, 0, 0], &side[0, 0, 0])
+        return QuadraticModel(at.value, at.near, at.gradient, blocks, beside)
 
     def retreat_step(self, const double[:, ::1] Q, double reference, double excess_weight, double onset, double longest):
         """Return what `Q: (1, n)` costs, the danger with which it is compared, 0: its own, and the best step from there.
@@ -332,109 +367,121 @@ cdef class Densities:
         `longest` [rad].
         """
         cdef DangerTerms terms = self.terms
-        cdef Py_ssize_t m = terms.m, c
-        cdef double cost, excess
-        values, own = np.empty((1, m)), np.zeros(1)
-        slopes = np.zeros((1, m))
+        cdef Py_ssize_t m = terms.m, n = terms.n, C = self._near.shape[0], L, c, i
+        cdef double cost = 0.0, excess
+        self.check(Q.shape[1], Q.shape[0])
+        values, own, slopes = np.empty((1, m)), np.zeros(1), np.zeros((1, m))
         cdef double[:, ::1] value = values
         cdef double[:, ::1] slope = slopes
         cdef double[::1] levels = own
+        cdef double[:, ::1] push = np.zeros((1, m))
+        cdef double[:, ::1] vector = np.zeros((C + 1, m))
+        cdef double[::1] frames = np.empty(15 * m)
         terms.write(&Q[0, 0], 1, &value[0, 0], NULL, NULL)
-        near, pushes, bends = hinge_costs(self._joints, values, self.carriers, self.near, self.hinges)
+        self.add_near(&value[0, 0], &frames[0], &cost, &push[0, 0], &vector[0, 0])
         maximum = terms.danger.kind == MAXIMUM
         if reference == 0.0 or not maximum:
             terms.danger.write(&value[0, 0], 1, &slope[0, 0], &levels[0])
         reference = own[0] if reference == 0.0 else reference
-        cost = near[0]
         if cost == 0.0 or not 0.0 < reference < INFINITY:
             own, slopes = own[:0], slopes[:0]
         elif maximum:
             own, slopes = terms.danger.high_levels(values, onset * reference)
-        gradient, rises = terms.by_planned_joints(pushes)[0], terms.by_planned_joints(slopes)
-        for c in range(len(own)):
-            excess = max(0.0, own[c] / reference - onset)
+        levels, slope, L = own, slopes, len(own)
+        gradients, bends = np.zeros(n), np.zeros((C + L, n))
+        cdef double[::1] gradient = gradients
+        cdef double[:, ::1] bend = bends
+        terms.write_by_planned_joints(&push[0, 0], 1, &gradient[0])
+        if C:
+            terms.write_by_planned_joints(&vector[0, 0], C, &bend[0, 0])
+        if L:
+            terms.write_by_planned_joints(&slope[0, 0], L, &bend[C, 0])
+        for c in range(L):
+            excess = max(0.0, levels[c] / reference - onset)
             cost += excess_weight * excess * excess
-            gradient += 2.0 * excess_weight * excess * rises[c] / reference
-            rises[c] *= sqrt(2.0 * excess_weight) / reference if excess > 0.0 else 0.0
-        return cost, reference, _bounded_step(gradient, np.concatenate([terms.by_planned_joints(bends), rises]), longest)
+            for i in range(n):
+                gradient[i] += 2.0 * excess_weight * excess * bend[C + c, i] / reference
+                bend[C + c, i] *= sqrt(2.0 * excess_weight) / reference if excess > 0.0 else 0.0
+        return cost, reference, bounded_step(gradients, bends, longest)
 
 
-cdef double _integrate(
-    const double *path, Py_ssize_t N, Py_ssize_t n, DangerTerms terms, const AtNodes *found, double *gradient,
-    double *lengths, double *close,
-) noexcept nogil:
-    """Return the cost of a path (N, n), and write its gradient (N, n), the part that obstacles are, and lengths."""
+cdef void _integrate(PricedPath at, DangerTerms terms) noexcept nogil:
+    """Write the cost of a path, the part that obstacles are, the gradient (N, n), and the lengths of the segments."""
     cdef const double *matrix = &terms._matrix[0, 0]
-    cdef double rate = 2.0 * terms.weight, total = 0.0, mean, steepness, stretch, step
-    cdef Py_ssize_t m = terms.m, k, i, j, b, side
+    cdef const double *path = at._path
+    cdef double *gradient = at._gradient
+    cdef const double *danger = at._danger
+    cdef const double *slopes = at._slopes
+    cdef const double *pushes = at._pushes
+    cdef double rate = 2.0 * terms.weight, total = 0.0, near = 0.0, mean, steepness, stretch, step, length
+    cdef Py_ssize_t N = at.N, n = at.n, m = at.m, k, i, j, b, side
     cdef double first, second
     for i in range(N * n):
         gradient[i] = 0.0
     for k in range(N - 1):
-        lengths[k] = 0.0
+        length = 0.0
         for i in range(n):
             step = path[n * (k + 1) + i] - path[n * k + i]
-            lengths[k] += step * step
-        lengths[k] = sqrt(lengths[k])
+            length += step * step
+        at._lengths[k] = length = sqrt(length)
         mean = 1.0
         for side in range(2):
             b = 2 * k + side
-            mean += 0.5 * (0.5 * rate * (found.danger[b] * found.danger[b]) + found.near[b])
-            close[0] += 0.5 * lengths[k] * found.near[b]
-        total += lengths[k] * mean
+            mean += 0.5 * (0.5 * rate * (danger[b] * danger[b]) + at._nears[b])
+            near += 0.5 * length * at._nears[b]
+        total += length * mean
         for i in range(n):
             first = second = 0.0
+            b = 2 * k
             for j in range(m):
-                steepness = rate * found.danger[2 * k] * found.slopes[m * 2 * k + j] + found.pushes[m * 2 * k + j]
-                first += 0.5 * lengths[k] * steepness * matrix[n * j + i]
+                steepness = rate * danger[b] * slopes[m * b + j] + pushes[m * b + j]
+                first += 0.5 * length * steepness * matrix[n * j + i]
             b = 2 * k + 1
             for j in range(m):
-                steepness = rate * found.danger[b] * found.slopes[m * b + j] + found.pushes[m * b + j]
-                second += 0.5 * lengths[k] * steepness * matrix[n * j + i]
-            stretch = mean / max(lengths[k], TINY) * (path[n * (k + 1) + i] - path[n * k + i])
+                steepness = rate * danger[b] * slopes[m * b + j] + pushes[m * b + j]
+                second += 0.5 * length * steepness * matrix[n * j + i]
+            stretch = mean / max(length, TINY) * (path[n * (k + 1) + i] - path[n * k + i])
             gradient[n * k + i] += SECOND * first + FIRST * second - stretch
             gradient[n * (k + 1) + i] += FIRST * first + SECOND * second + stretch
-    return total
+    at.value, at.near = total, near
 
 
-cdef int _add_curvature(
-    Densities densities, Py_ssize_t N, Py_ssize_t n, const AtNodes *found, const double *lengths, double total,
-    double *blocks, double *beside,
-) except -1:
-    """Add about the Hessian of the cost of a path to blocks (N, n, n), and (N − 1, n, n) beside them."""
-    cdef DangerTerms terms = densities.terms
-    cdef const double *matrix = &terms._matrix[0, 0]
-    cdef Py_ssize_t m = terms.m, C = densities._near.shape[0], k, i, j, c, b
-    cdef double rate = 2.0 * terms.weight, whole = 0.0, stiffness, t, square, each
-    cdef double[::1] bend = np.zeros(n)
+cdef void _add_curvature(
+    Densities densities, PricedPath at, const double *vectors, double *bend, double *blocks, double *beside
+) noexcept nogil:
+    """Add about the Hessian of the cost of a path to blocks (N, n, n), and (N − 1, n, n) beside them.
+
+    Vectors (C, m) bend the cost of near pairs; `bend: (n,)` is memory.
+    """
+    cdef const double *matrix = &densities.terms._matrix[0, 0]
+    cdef Py_ssize_t N = at.N, n = at.n, m = at.m, C = densities._near.shape[0], k, i, j, c, b
+    cdef double rate = 2.0 * densities.terms.weight, whole = 0.0, stiffness, t, square, each
     cdef bint of_danger
-    with nogil:
-        for k in range(N - 1):
-            whole += lengths[k]
-        whole = max(whole, TINY)
-        for k in range(N - 1):
-            stiffness = total / whole / max(lengths[k], SHORT * whole / (N - 1))
+    for k in range(N - 1):
+        whole += at._lengths[k]
+    whole = max(whole, TINY)
+    for k in range(N - 1):
+        stiffness = at.value / whole / max(at._lengths[k], SHORT * whole / (N - 1))
+        for i in range(n):
+            blocks[n * n * k + n * i + i] += stiffness
+            blocks[n * n * (k + 1) + n * i + i] += stiffness
+            beside[n * n * k + n * i + i] -= stiffness
+    for c in range(2 * N - 2 + C):
+        of_danger = c < 2 * N - 2
+        b = c if of_danger else <Py_ssize_t> densities._near[c - (2 * N - 2), 0]
+        k, t = b // 2, SECOND if b % 2 else FIRST
+        for i in range(n):
+            bend[i] = 0.0
+        for j in range(m):
+            each = sqrt(rate) * at._slopes[m * b + j] if of_danger else vectors[m * (c - (2 * N - 2)) + j]
             for i in range(n):
-                blocks[n * n * k + n * i + i] += stiffness
-                blocks[n * n * (k + 1) + n * i + i] += stiffness
-                beside[n * n * k + n * i + i] -= stiffness
-        for c in range(2 * N - 2 + C):
-            of_danger = c < 2 * N - 2
-            b = c if of_danger else <Py_ssize_t> densities._near[c - (2 * N - 2), 0]
-            k, t = b // 2, SECOND if b % 2 else FIRST
-            for i in range(n):
-                bend[i] = 0.0
-            for j in range(m):
-                each = sqrt(rate) * found.slopes[m * b + j] if of_danger else found.bends[m * (c - (2 * N - 2)) + j]
-                for i in range(n):
-                    bend[i] += each * matrix[n * j + i]
-            for i in range(n):
-                for j in range(n):
-                    square = 0.5 * lengths[k] * bend[i] * bend[j]
-                    blocks[n * n * k + n * i + j] += (1.0 - t) * (1.0 - t) * square
-                    blocks[n * n * (k + 1) + n * i + j] += t * t * square
-                    beside[n * n * k + n * i + j] += t * (1.0 - t) * square
-    return 0
+                bend[i] += each * matrix[n * j + i]
+        for i in range(n):
+            for j in range(n):
+                square = 0.5 * at._lengths[k] * bend[i] * bend[j]
+                blocks[n * n * k + n * i + j] += (1.0 - t) * (1.0 - t) * square
+                blocks[n * n * (k + 1) + n * i + j] += t * t * square
+                beside[n * n * k + n * i + j] += t * (1.0 - t) * square
 
 
 cdef enum:
@@ -444,7 +491,7 @@ cdef double PRECISION = 1e-9
 cdef double FLAT = 1e-9
 
 
-def _bounded_step(const double[::1] gradient, const double[:, ::1] vectors, double longest):
+def bounded_step(const double[::1] gradient, const double[:, ::1] vectors, double longest):
     """Return the step s (n,), no longer than `longest`, that minimises g·s + ½ sᵀHs, H = Σ vvᵀ of vectors (C, n).
 
     It is −(H + λ1)⁻¹g with the least λ ≥ 0 that makes it short enough, which Newton's method on 1/‖s(λ)‖ finds from
@@ -500,7 +547,10 @@ def _bounded_step(const double[::1] gradient, const double[:, ::1] vectors, doub
 cdef enum:
     MEMORY = 6
     TRIALS = 6
+    # Steps that save little in a row end a round; one alone may have met a kink of the danger.
     IDLE_STEPS = 2
+    # Steps between two looks at the clock.
+    AT_ONCE = 4
 # A step must bring this share of the fall that the gradient promises (Armijo). A step may be longer than the last one by
 # the factor GROWTH; one that fails is shortened to between SHORTEST and LONGEST of it.
 cdef double SUFFICIENT = 1e-4
@@ -518,67 +568,116 @@ cdef class Walk:
     Gauss-Newton part of the densities: blocks on and beside the diagonal, solved in O(N). A step that does not lower
     the cost is shortened to where a parabola has its minimum.
 
-    Attributes
+    Parameters
     ----------
-    path : ndarray, shape (N, n)
-        Where the descent is.
-    danger, slopes : ndarray, shapes (2N − 2,) and (2N − 2, m)
-        The danger and its gradients at the Gauss points of the path, once a step was taken.
-    evaluations : int
-        How often the cost was evaluated since the descent was resumed.
+    lower, upper : ndarray, shape (n,)
+        Limits of the joints.
     """
 
-    cdef readonly object path, danger, slopes
-    cdef readonly Py_ssize_t evaluations
-    cdef object _gradient, _band, _steps, _changes, _products
+    cdef const double[::1] _lower, _upper
     cdef Densities _densities
+    cdef PricedPath _here, _next
+    cdef double[:, ::1] _band, _direction
+    cdef double[:, :, ::1] _steps, _changes
+    cdef double _products[MEMORY]
     cdef const unsigned char[::1] _moving
-    cdef double _cost, _size
-    cdef Py_ssize_t _remembered, _idle, _n
+    cdef double _size
+    cdef Py_ssize_t _remembered, _idle
+    cdef readonly Py_ssize_t evaluations
 
-    def __init__(self, moving):
-        self._moving = np.ascontiguousarray(moving, dtype=np.bool_).view(np.uint8)
-        self._size = 1.0
+    def __init__(self, lower, upper):
+        self._lower, self._upper = lower, upper
+
+    @property
+    def path(self):
+        """Where the descent is, (N, n)."""
+        return self._here.path
+
+    @property
+    def danger(self):
+        """The danger (2N − 2,) at the Gauss points of the path, once a step was taken."""
+        return self._here.danger
+
+    @property
+    def slopes(self):
+        """The gradients (2N − 2, m) of that danger by the model's joints."""
+        return self._here.slopes
+
+    @property
+    def cost(self):
+        """The cost of the path."""
+        return self._here.value
+
+    def restart(self, Densities densities not None, path, model, held=None):
+        """Begin anew from a path; way points that are `held: (N,)` stay where they are, and so do the ends."""
+        moving = np.ones(len(path), np.uint8)
+        if held is not None:
+            moving[held] = 0
+        moving[[0, -1]] = 0
+        self._moving, self._size, self._remembered = moving, 1.0, 0
+        self._steps, self._changes = np.empty((MEMORY, *path.shape)), np.empty((MEMORY, *path.shape))
+        self._direction = np.empty(path.shape)
+        self.resume(densities, path, model)
 
     def resume(self, Densities densities not None, path, model):
-        """Go on from a path near the last one, or with another model of the cost, without what was known of it."""
-        moving = np.asarray(self._moving).view(np.bool_)
-        N, n = path.shape
-        if N != len(moving):
-            raise InputError(f"the path must have {len(moving)} way points, got {N}")
-        self._densities, self.path, self._n = densities, np.array(path), n
-        self._gradient = model.gradient * moving[:, None]
-        self._band = _factored(model.blocks, model.beside, self._moving)
-        self.danger, self.slopes = np.empty(2 * N - 2), np.empty((2 * N - 2, densities.terms.m))
-        self._cost, self._idle, self.evaluations = model.value, 0, 0
-        if self._steps is None:
-            self._steps, self._changes = np.empty((MEMORY, N, n)), np.empty((MEMORY, N, n))
-            self._products = np.empty(MEMORY)
+        """Go on from a path near the last one, or with another model of the cost, without what was known of it.
 
-    def descend(self, lower, upper, Py_ssize_t most, double largest, double idle):
-        """Take so many steps within the limits (n,); return whether more are not worthwhile.
-
-        That is where no step lowers the cost, or the last ones did by less than a share `idle`. In a step no joint
-        moves farther than `largest`.
+        What is remembered of the steps so far stays.
         """
-        cdef double before, value = 0.0, slope, longest, size, bend, share
+        if path.shape[0] != self._steps.shape[1] or path.shape[1] != self._steps.shape[2]:
+            raise InputError(f"the path must have {self._steps.shape[1]} way points, got {len(path)}")
+        if path.shape[1] != self._lower.shape[0] or path.shape[1] != self._upper.shape[0]:
+            raise InputError(f"way points must have {self._lower.shape[0]} joints, got {path.shape[1]}")
+        densities.check(path.shape[1], 2 * len(path) - 2)
+        self._densities, self._here, self._next = (
+            densities, PricedPath(path, densities.terms.m), PricedPath(path, densities.terms.m)
+        )
+        self._here.value, self._here.near = model.value, model.near
+        self._here.gradient[:] = model.gradient * np.asarray(self._moving)[:, None].view(np.bool_)
+        self._band = factored(model.blocks, model.beside, self._moving)
+        self._idle, self.evaluations = 0, 0
+
+    def descend(self, stop, Py_ssize_t most, double largest, double idle):
+        """Take up to so many steps, until it is time to stop; return whether more are not worthwhile.
+
+        That is where no step lowers the cost, or the last ones did by less than a share `idle`, or `stop()` says so. In
+        a step no joint moves farther than `largest`.
+        """
+        cdef Py_ssize_t done = 0
+        cdef bint settled = False
+        while done < most and not settled:
+            if stop():
+                return True
+            with nogil:
+                settled = self._take_steps(min(<Py_ssize_t> AT_ONCE, most - done), largest, idle)
+            done += AT_ONCE
+        return settled
+
+    def direction(self):
+        """Return the way (N, n) that a step is a part of, −H⁻¹∇J; ∇J·x, and the largest |x|."""
+        cdef double slope, largest
+        slope = self._write_direction(&largest)
+        return np.array(self._direction), slope, largest
+
+    cdef int _take_steps(self, Py_ssize_t most, double largest, double idle) except -1 nogil:
+        """Take so many steps; return whether more are not worthwhile."""
+        cdef double before, slope, longest, size, bend, share
         cdef Py_ssize_t step, trial
         cdef bint lowered
         for step in range(most):
-            before, lowered = self._cost, False
+            before, lowered = self._here.value, False
             while not lowered:
-                direction, slope, longest = self._direction()
+                slope = self._write_direction(&longest)
                 size = min(min(1.0, largest / longest), GROWTH * self._size) if slope < 0.0 else 0.0
                 for trial in range(TRIALS if slope < 0.0 else 0):
-                    path = np.minimum(np.maximum(self.path + size * direction, lower), upper)
-                    gradient = np.empty_like(path)
-                    value, _, danger, slopes = self._densities._integrated(path, None, None, gradient, None, None)
+                    self._go(size)
+                    self._densities.price(self._next, False, NULL)
                     self.evaluations += 1
-                    if value < before + SUFFICIENT * size * slope:
-                        self._cost, self._size, lowered = value, size, True
-                        self._accept(path, gradient, danger, slopes)
+                    if self._next.value < before + SUFFICIENT * size * slope:
+                        self._size, lowered = size, True
+                        self._accept()
                         break
-                    bend = value - before - size * slope
+                    bend = self._next.value - before - size * slope
                     share = SHORTEST
                     if bend < INFINITY:
                         share = min(LONGEST, max(SHORTEST, -0.5 * size * slope / bend))
@@ -588,82 +687,87 @@ cdef class Walk:
                         return True
                     # What is remembered may be of another part of the path's surroundings.
                     self._remembered = 0
-            self._idle = self._idle + 1 if before - value < idle * before else 0
+            self._idle = self._idle + 1 if before - self._here.value < idle * before else 0
             if self._idle == IDLE_STEPS:
                 return True
         return False
 
-    def _accept(self, path, gradient, danger, slopes):
-        """Go on to a path with a gradient (N, n), and remember the step; danger and slopes are those at its nodes."""
-        cdef Py_ssize_t row = self._remembered % MEMORY, N = self._moving.shape[0], n = self._n, k, i
-        cdef double product = 0.0, slope
-        cdef double[:, ::1] new = path
-        cdef double[:, ::1] new_gradient = gradient
-        cdef double[:, ::1] old = self.path
-        cdef double[:, ::1] old_gradient = self._gradient
-        cdef double[:, :, ::1] steps = self._steps
-        cdef double[:, :, ::1] changes = self._changes
-        for k in range(N):
+    cdef void _go(self, double size) noexcept nogil:
+        """Write the path to which a share of the direction leads, within the limits."""
+        cdef Py_ssize_t n = self._here.n, k, i
+        for k in range(self._here.N):
             for i in range(n):
-                slope = new_gradient[k, i] if self._moving[k] else 0.0
-                steps[row, k, i] = new[k, i] - old[k, i]
-                changes[row, k, i] = slope - old_gradient[k, i]
-                product += steps[row, k, i] * changes[row, k, i]
-                old[k, i], old_gradient[k, i] = new[k, i], slope
-        self.danger, self.slopes = danger, slopes
+                self._next._path[n * k + i] = min(
+                    max(self._here._path[n * k + i] + size * self._direction[k, i], self._lower[i]), self._upper[i]
+                )
+
+    cdef void _accept(self) noexcept nogil:
+        """Go on to the next path, and remember the step."""
+        cdef Py_ssize_t row = self._remembered % MEMORY, n = self._here.n, k, i, at
+        cdef double product = 0.0
+        cdef double *path = self._next._path
+        cdef double *gradient = self._next._gradient
+        for k in range(self._here.N):
+            for i in range(n):
+                at = n * k + i
+                if not self._moving[k]:
+                    gradient[at] = 0.0
+                self._steps[row, k, i] = path[at] - self._here._path[at]
+                self._changes[row, k, i] = gradient[at] - self._here._gradient[at]
+                product += self._steps[row, k, i] * self._changes[row, k, i]
+        with gil:
+            self._here, self._next = self._next, self._here
         self._products[row] = product
         if product > LEAST_PRODUCT:
             self._remembered += 1
 
-    def _direction(self):
-        """Return x = −H⁻¹∇J (N, n) with the Hessian H that the remembered steps make of L Lᵀ; ∇J·x, and largest |x|."""
-        cdef double[:, ::1] band = self._band
-        cdef double[::1] products = self._products
-        cdef double[:, :, ::1] steps = self._steps
-        cdef double[:, :, ::1] changes = self._changes
-        found = self._gradient.copy()
-        cdef double[:, ::1] rows = found
-        cdef const double[:, ::1] gradient = self._gradient
-        cdef double *x = &rows[0, 0]
-        cdef const double *g = &gradient[0, 0]
+    cdef double _write_direction(self, double *largest) noexcept nogil:
+        """Write x = −H⁻¹∇J (N, n) with the Hessian H that the remembered steps make of L Lᵀ, and the largest |x|.
+
+        Return ∇J·x.
+        """
+        cdef double *x = &self._direction[0, 0]
+        cdef const double *gradient = self._here._gradient
         cdef const double *step
         cdef const double *change
         cdef double shares[MEMORY]
-        cdef double share, slope = 0.0, largest = 0.0
-        cdef Py_ssize_t w = band.shape[1] - 1, size = rows.shape[0] * rows.shape[1], remembered = self._remembered
+        cdef double share, slope = 0.0
+        cdef Py_ssize_t size = self._here.N * self._here.n, w = self._band.shape[1] - 1, remembered = self._remembered
         cdef Py_ssize_t age, row, i, j
-        with nogil:
-            for age in range(min(remembered, <Py_ssize_t> MEMORY)):
-                row, share = (remembered - 1 - age) % MEMORY, 0.0
-                step, change = &steps[row, 0, 0], &changes[row, 0, 0]
-                for i in range(size):
-                    share += step[i] * x[i]
-                shares[row] = share / products[row]
-                for i in range(size):
-                    x[i] -= shares[row] * change[i]
+        for i in range(size):
+            x[i] = gradient[i]
+        for age in range(min(remembered, <Py_ssize_t> MEMORY)):
+            row, share = (remembered - 1 - age) % MEMORY, 0.0
+            step, change = &self._steps[row, 0, 0], &self._changes[row, 0, 0]
             for i in range(size):
-                for j in range(max(<Py_ssize_t> 0, i - w), i):
-                    x[i] -= band[i, j - i + w] * x[j]
-                x[i] /= band[i, w]
-            for i in range(size - 1, -1, -1):
-                x[i] /= band[i, w]
-                for j in range(max(<Py_ssize_t> 0, i - w), i):
-                    x[j] -= band[i, j - i + w] * x[i]
-            for age in range(min(remembered, <Py_ssize_t> MEMORY) - 1, -1, -1):
-                row, share = (remembered - 1 - age) % MEMORY, 0.0
-                step, change = &steps[row, 0, 0], &changes[row, 0, 0]
-                for i in range(size):
-                    share += change[i] * x[i]
-                for i in range(size):
-                    x[i] += (shares[row] - share / products[row]) * step[i]
+                share += step[i] * x[i]
+            shares[row] = share / self._products[row]
             for i in range(size):
-                x[i] = -x[i]
-                slope += x[i] * g[i]
-                largest = max(largest, fabs(x[i]))
-        return found, slope, largest
+                x[i] -= shares[row] * change[i]
+        for i in range(size):
+            for j in range(max(<Py_ssize_t> 0, i - w), i):
+                x[i] -= self._band[i, j - i + w] * x[j]
+            x[i] /= self._band[i, w]
+        for i in range(size - 1, -1, -1):
+            x[i] /= self._band[i, w]
+            for j in range(max(<Py_ssize_t> 0, i - w), i):
+                x[j] -= self._band[i, j - i + w] * x[i]
+        for age in range(min(remembered, <Py_ssize_t> MEMORY) - 1, -1, -1):
+            row, share = (remembered - 1 - age) % MEMORY, 0.0
+            step, change = &self._steps[row, 0, 0], &self._changes[row, 0, 0]
+            for i in range(size):
+                share += change[i] * x[i]
+            for i in range(size):
+                x[i] += (shares[row] - share / self._products[row]) * step[i]
+        largest[0] = 0.0
+        for i in range(size):
+            x[i] = -x[i]
+            slope += x[i] * gradient[i]
+            largest[0] = max(largest[0], fabs(x[i]))
+        return slope
 
 
-def _factored(const double[:, :, ::1] blocks, const double[:, :, ::1] beside, const unsigned char[::1] moving):
+def factored(const double[:, :, ::1] blocks, const double[:, :, ::1] beside, const unsigned char[::1] moving):
     """Return the factor's band (N·n, 2n) of a matrix with blocks (N, n, n), and (N − 1, n, n) right of them.
 
     Row i of a band holds the entries (i, i − w) … (i, i) of the lower triangle, w = 2n − 1. Rows and columns of way
@@ -698,10 +802,9 @@ def _factored(const double[:, :, ::1] blocks, const double[:, :, ::1] beside, co
 # ---------------------------------------------------------------------------------------------------------- shortcuts
 
 # Of edges between way points: whether bounds were looked at, and whether the edge is proven.
+UNKNOWN, LOOKED_AT, PROVEN = range(3)
 cdef enum:
-    UNKNOWN
-    LOOKED_AT
-    PROVEN
+    _UNKNOWN, _LOOKED_AT, _PROVEN
 
 
 def chained(const double[:, ::1] costs):
@@ -786,15 +889,15 @@ def weeded_chain(
             j = N - 1 if total <= most and total < INFINITY else 0
             while j > 0:
                 i = before[j]
-                if known[i, j] == UNKNOWN:
-                    known[i, j] = LOOKED_AT
+                if known[i, j] == _UNKNOWN:
+                    known[i, j] = _LOOKED_AT
                     outcome = prove_edge(
                         &bounds.pairs, work, &path[i, 0], &path[j, 0], limits,
                         &required.distances[0] if bounds.pairs.count else NULL, required.most, floor,
                     )
                     places += outcome.places
                     if outcome.number == 0:
-                        known[i, j] = PROVEN
+                        known[i, j] = _PROVEN
                     elif outcome.number < 0:
                         costs[i, j], refused = INFINITY, True
                 j = i

@@ -5,27 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import compress, pairwise
-from math import inf, sqrt
 
 import numpy as np
 
-from safe_ompl.collision import EdgeTables, MotionProver, hinge_costs, prove_edge
-from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, caller, compiled
+from safe_ompl.collision import DistanceBounds, MotionProver, Required
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
 from safe_ompl.danger import DangerField
-from safe_ompl.danger.kernels import MAXIMUM, PointDanger, high_levels
-from safe_ompl.planning.simplification.cost import (
-    ActiveSetCost,
-    DangerDensity,
-    DangerTerms,
-    Densities,
-    ObstacleCost,
-    chained,
-    danger_at,
-    edge_costs,
-    joint_values,
-)
-from safe_ompl.planning.simplification.measures import arc_lengths
-from safe_ompl.robot import StepLimits, plain
+from safe_ompl.planning.simplification.cost import ActiveSetCost, DangerDensity, ObstacleCost
+from safe_ompl.planning.simplification.costs import LOOKED_AT, PROVEN, Densities, arc_lengths, prove_edges, weeded_chain
+from safe_ompl.robot import EdgeTable, StepLimits, plain
 
 _REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,
 _WIDENINGS = 6  # then twice as much, so many times
@@ -39,7 +27,6 @@ class EdgeProofs:
         self._stop = stop
         self._proven: set[bytes] = set()
         self._inherited: set[bytes] = set()
-        self._known: tuple[object, EdgeTables | None] = None, None
 
     def check(self, path: FloatArray) -> None:
         """Accept the edges of a path (N, n) without a margin; raise InputError if one is not proven free."""
@@ -60,7 +47,7 @@ class EdgeProofs:
         """From here on ask for a clearance [m] of all edges that are not accepted yet."""
         separation = self._free.separation
         wider = replace(separation, margin=max(margin, separation.margin))
-        self._clear, self._known = replace(self._free, separation=wider), (None, None)
+        self._clear = replace(self._free, separation=wider)
 
     def refused(self, path: FloatArray) -> list[int]:
         """Return the edges of a path (N, n) that are not proven."""
@@ -83,19 +70,9 @@ class EdgeProofs:
         if motion.limits or not motion.required.pairs.bounds.exact.all():
             return motion.are_free(starts, ends)
         with motion.checker.changes.none():
-            tables = self._tables()
-            if tables is None:
-                return np.zeros(len(starts), dtype=bool)
-            free, places = _proven(plain(starts), plain(ends), tables)
+            free, places = prove_edges(*_tables(motion), plain(starts), plain(ends))
         motion.checker.counts.bound_queries += places
         return free
-
-    def _tables(self) -> EdgeTables | None:
-        """Return what kernels need to prove that edges keep the margin in the scene as it is."""
-        bounds = self._clear.required.pairs.bounds
-        if self._known[0] is not bounds:
-            self._known = bounds, self._clear.edge_tables()
-        return self._known[1]
 
     def chained(self, path: FloatArray, costs: FloatArray, most: float, known: IntArray) -> IntArray:
         """Return what comes before each way point of `path: (N, n)` on the cheapest way to it, by the costs (N, N).
@@ -105,15 +82,12 @@ class EdgeProofs:
         """
         motion = self._clear
         with motion.checker.changes.none():
-            tables = self._tables()
-            if tables is None:
-                return chained(costs)
-            before, places = _weeded(costs, known, most, plain(path), tables)
+            before, places = weeded_chain(*_tables(motion), costs, known, most, plain(path))
         motion.checker.counts.bound_queries += places
         if not motion.limits:
-            for edge in np.argwhere(known == _PROVEN):
+            for edge in np.argwhere(known == PROVEN):
                 self._proven.update(_keys(path[edge]))
-        known[known == _PROVEN] = _LOOKED_AT
+        known[known == PROVEN] = LOOKED_AT
         return before
 
     def held_back(self, path: FloatArray, known: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -140,6 +114,12 @@ class EdgeProofs:
         return known.copy(), np.ones(len(path), dtype=bool)
 
 
+def _tables(motion: MotionProver) -> tuple[DistanceBounds, EdgeTable, Required, float]:
+    """Return what compiled code needs to prove edges in the scene as it is."""
+    required = motion.required
+    return required.pairs.bounds, motion.checker.robot.joint_limits.table, required.allowed_for, motion.floor
+
+
 def _keys(path: FloatArray) -> list[bytes]:
     data, row = path.tobytes(), path.itemsize * path.shape[1]
     return [data[k : k + 2 * row] for k in range(0, len(data) - row, row)]
@@ -151,8 +131,6 @@ _LEFT = 0.3  # a retreat is over when this share of the cost of its end is left
 _EXCESS = 600.0  # weight of danger: at 1.4 times that of the end it costs what a contact costs
 _ONSET = 0.8  # share of the end's danger from which a point counts
 _STUCK = 0.1  # share of a step: where the best one is shorter, nothing leads on
-_FLAT = 1e-9  # share of the curvature, or of the slope per radian: less is as good as none
-_NEWTON_STEPS, _PRECISION = 30, 1e-9
 
 
 def retreat(
@@ -171,7 +149,7 @@ def retreat(
         Q = plain(q[None])
         near = obstacles.near(Q)
         densities = Densities(terms, near.carriers, near.table, obstacles.hinges)
-        cost, reference, step = _retreated(densities, Q, reference)
+        cost, reference, step = densities.retreat_step(Q, reference, _EXCESS, _ONSET, RETREAT_STEP)
         field.count(1, len(field.points))
         enough = _LEFT * cost if enough is None else enough
         if cost <= enough:
@@ -181,84 +159,6 @@ def retreat(
             break
         way.append(q)
     return end[None]
-
-
-@caller
-def _retreated(densities: Densities, Q: FloatArray, reference: float) -> tuple[float, float, FloatArray]:
-    """Return what `Q: (1, n)` costs, the danger with which it is compared, 0: its own, and the best step from there."""
-    terms = densities.terms
-    values, columns, none = joint_values(Q, terms.matrix, terms.shift), terms.matrix.T.copy(), np.zeros(Q.shape[1])
-    near, pushes, bends = hinge_costs(
-        terms.danger.tables.joints, values, densities.carriers, densities.near, densities.hinges
-    )
-    tables, points, aggregate = terms.danger
-    slopes = np.zeros(values.shape)
-    levels = danger_at(terms, Q, slopes) if reference == 0.0 or aggregate.kind != MAXIMUM else np.zeros(0)
-    reference = levels[0] if reference == 0.0 else reference
-    if near[0] == 0.0 or not 0.0 < reference < inf:
-        levels, slopes = levels[:0], slopes[:0]
-    elif aggregate.kind == MAXIMUM:
-        levels, slopes = high_levels(tables, values, points, _ONSET * reference)
-    cost, gradient, rises = near[0], joint_values(pushes, columns, none)[0], joint_values(slopes, columns, none)
-    for c in range(len(levels)):
-        excess = max(0.0, levels[c] / reference - _ONSET)
-        cost += _EXCESS * excess * excess
-        for i in range(len(gradient)):
-            gradient[i] += 2.0 * _EXCESS * excess * rises[c, i] / reference
-            rises[c, i] *= sqrt(2.0 * _EXCESS) / reference if excess > 0.0 else 0.0
-    return cost, reference, _step(gradient, np.concatenate((joint_values(bends, columns, none), rises)))
-
-
-@compiled
-def _step(gradient: FloatArray, bends: FloatArray) -> FloatArray:
-    """Return the step s (n,), no longer than `RETREAT_STEP`, that minimises g·s + ½ sᵀHs, H = Σ vvᵀ of vectors (C, n).
-
-    It is −(H + λ1)⁻¹g with the least λ ≥ 0 that makes it short enough, which Newton's method on 1/‖s(λ)‖ finds from
-    below in a few steps (Moré & Sorensen 1983).
-    """
-    n, curvature, slope = len(gradient), 0.0, 0.0
-    H, L, step, across = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.empty(n)
-    for i in range(n):
-        for j in range(n):
-            for c in range(len(bends)):
-                H[i, j] += bends[c, i] * bends[c, j]
-        curvature, slope = curvature + H[i, i], slope + gradient[i] ** 2
-    shift = _FLAT * max(curvature, sqrt(slope))
-    for _ in range(_NEWTON_STEPS if slope > 0.0 else 0):
-        for i in range(n):
-            for j in range(i + 1):
-                rest = H[i, j] + (shift if i == j else 0.0)
-                for k in range(j):
-                    rest -= L[i, k] * L[j, k]
-                L[i, j] = sqrt(rest) if i == j else rest / L[j, j]
-            step[i] = -gradient[i]
-            for k in range(i):
-                step[i] -= L[i, k] * step[k]
-            step[i] /= L[i, i]
-        for i in range(n - 1, -1, -1):
-            for k in range(i + 1, n):
-                step[i] -= L[k, i] * step[k]
-            step[i] /= L[i, i]
-        length, square = 0.0, 0.0
-        for i in range(n):
-            length += step[i] * step[i]
-        length = sqrt(length)
-        if length <= (1.0 + _PRECISION) * RETREAT_STEP:
-            break
-        for i in range(n):
-            across[i] = step[i]
-            for k in range(i):
-                across[i] -= L[i, k] * across[k]
-            across[i] /= L[i, i]
-            square += across[i] ** 2
-        shift += (length / RETREAT_STEP - 1.0) * length**2 / square
-    return step
-
-
-def ask_for_retreats() -> None:
-    """Call what retreats need."""
-    terms, carriers = DangerTerms(PointDanger.of_nothing(), 0.0, np.zeros((0, 1)), np.zeros(0)), np.zeros(0, np.intp)
-    _retreated(Densities(terms, carriers, np.zeros((0, 10)), np.zeros((0, 2))), np.zeros((1, 1)), 0.0)
 
 
 MOST = 40  # way points of a path that edges may skip to
@@ -306,7 +206,7 @@ def _cheapest_proven_chain(
 ) -> FloatArray | None:
     if stop():
         return None
-    costs, samples = edge_costs(cost.terms, plain(path), wanted, cost.robot.continuous)
+    costs, samples = cost.terms.edge_costs(plain(path), wanted, cost.robot.continuous)
     cost.count(samples)
     most = worth * float(np.diagonal(costs, 1).sum()) if worth < np.inf else np.inf
     known = np.eye(len(path), k=1, dtype=np.intp)  # the path's own edges may be accepted without the margin
@@ -324,46 +224,3 @@ def _cheapest_proven_chain(
         for k in refused:
             costs[chain[k], chain[k + 1]] = np.inf
     return None
-
-
-_LOOKED_AT, _PROVEN = 1, 2
-
-
-@caller
-def _proven(starts: FloatArray, ends: FloatArray, tables: EdgeTables) -> tuple[BoolArray, int]:
-    """Return which edges (E, n) bounds prove to be free, and at how many places they were looked at."""
-    free, places = np.zeros(len(starts), np.bool_), 0
-    for k in range(len(starts)):
-        number, looked = prove_edge(starts[k], ends[k], tables)
-        free[k], places = number == 0, places + looked
-    return free, places
-
-
-@caller
-def _weeded(
-    costs: FloatArray, known: IntArray, most: float, path: FloatArray, tables: EdgeTables
-) -> tuple[IntArray, int]:
-    """Return what `EdgeProofs.chained` does, and at how many places of edges bounds were looked at.
-
-    Edges that are looked at become `known`, as proven ones, if they are.
-    """
-    places = 0
-    while True:
-        before, total, refused, j = chained(costs), 0.0, False, len(path) - 1
-        while j > 0:
-            total += costs[before[j], j]
-            j = before[j]
-        j = len(path) - 1 if total <= most and total < inf else 0
-        while j > 0:
-            i = before[j]
-            if known[i, j] == 0:
-                known[i, j] = _LOOKED_AT
-                number, looked = prove_edge(path[i], path[j], tables)
-                places += looked
-                if number == 0:
-                    known[i, j] = _PROVEN
-                elif number < 0:
-                    costs[i, j], refused = inf, True
-            j = i
-        if not refused:
-            return before, places

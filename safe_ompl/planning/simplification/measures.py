@@ -4,51 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import sqrt
 
 import numpy as np
 
 from safe_ompl.collision import Clearance, CollisionChecker
-from safe_ompl.common import FloatArray, IntArray, caller, compiled
+from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.danger import CertifiedDanger, DangerBounds, DangerField
+from safe_ompl.planning.simplification.costs import arc_lengths, at_arc_lengths, spread
 from safe_ompl.robot import Robot, plain
-
-
-@compiled
-def arc_lengths(path: FloatArray) -> FloatArray:
-    """Return how far along an unrolled path (N, n) its way points are, (N,) [rad]."""
-    arc = np.zeros(len(path))
-    for k in range(1, len(path)):
-        squared = 0.0
-        for i in range(path.shape[1]):
-            squared += (path[k, i] - path[k - 1, i]) ** 2
-        arc[k] = arc[k - 1] + sqrt(squared)
-    return arc
-
-
-@compiled
-def at_arc_lengths(points: FloatArray, arc: FloatArray, s: FloatArray) -> FloatArray:
-    """Return the configurations (S, n) of a path (N, n) with arc lengths (N,) at `s: (S,)`; the ends' beyond them."""
-    out, k = np.empty((len(s), points.shape[1])), 0
-    for j in range(len(s)):
-        if s[j] < arc[k]:
-            k = 0
-        while k + 1 < len(arc) and s[j] >= arc[k + 1]:
-            k += 1
-        for i in range(points.shape[1]):  # to copy rows would take the compiler ten times as long
-            out[j, i] = points[k, i]
-            if k + 1 < len(arc) and s[j] > arc[k]:
-                slope = (points[k + 1, i] - points[k, i]) / (arc[k + 1] - arc[k])
-                out[j, i] += slope * (s[j] - arc[k])
-    return out
-
-
-@caller
-def spread(path: FloatArray, step: float) -> tuple[FloatArray, float]:
-    """Return configurations (S, n) of an unrolled path (N, n) at equal steps, no longer than `step`, and its length."""
-    arc = arc_lengths(path)
-    count = 1 + int(arc[-1] / step)
-    return at_arc_lengths(path, arc, np.arange(count + 1) * (arc[-1] / count)), arc[-1]
 
 
 class Curve:
@@ -61,8 +24,7 @@ class Curve:
 
     def spread(self, step: float) -> FloatArray:
         """Return configurations (S, n) at equal steps, no longer than `step` [rad], from start to goal."""
-        samples: FloatArray = spread(self._points, step)[0]
-        return samples
+        return spread(self._points, step)[0]
 
     def at(self, s: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at arc lengths `s: (S,)`."""

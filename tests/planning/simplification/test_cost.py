@@ -9,8 +9,6 @@ from safe_ompl.planning.simplification.cost import (
     DangerDensity,
     ObstacleCost,
     PathCost,
-    edge_costs,
-    path_cost,
     reference_danger,
 )
 from safe_ompl.planning.simplification.measures import divided
@@ -55,10 +53,10 @@ def test_kernels_know_the_costs_of_paths_and_edges(robot_named, rng, name):
     density = DangerDensity(DangerField(robot, POINTS, aggregate="softmax", sharpness=0.5), 10.0)
     path = robot.unrolled(rng.uniform(robot.lower, robot.upper, (5, robot.n)) / 2)
     terms, cost = density.terms(), PathCost(robot, [density], 0.1)
-    assert path_cost(terms, path, 0.1)[0] == pytest.approx(cost.of(path), rel=1e-12)
+    assert terms.path_cost(path, 0.1)[0] == pytest.approx(cost.of(path), rel=1e-12)
     wanted, edges = np.eye(5, k=-1, dtype=bool), [(0, 3), (0, 4), (1, 2)]
     wanted[tuple(zip(*edges, strict=True))] = True
-    found, samples = edge_costs(terms, path, wanted, robot.continuous)
+    found, samples = terms.edge_costs(path, wanted, robot.continuous)
     assert 2 * len(edges) <= samples <= 4 * len(edges)
     assert [*zip(*np.nonzero(np.isfinite(found)), strict=True)] == edges, "none leads back"
     for edge in edges:

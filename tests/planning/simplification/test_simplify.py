@@ -27,7 +27,8 @@ from safe_ompl import (
 from safe_ompl.common import until_ctrl_c
 from safe_ompl.planning.simplification import PathReport, Simplifier, timed
 from safe_ompl.planning.simplification.cost import ObstacleCost
-from safe_ompl.planning.simplification.edges import RETREAT_STEP, EdgeProofs, _step, retreat
+from safe_ompl.planning.simplification.costs import bounded_step
+from safe_ompl.planning.simplification.edges import RETREAT_STEP, EdgeProofs, retreat
 from safe_ompl.robot import motion_limits
 
 PLANAR2 = Path(__file__).parents[3] / "scenarios" / "robots" / "planar2.urdf"
@@ -282,7 +283,7 @@ def test_where_no_joint_changes_what_is_near_there_is_no_way_out(planar2):
 def test_a_step_of_a_retreat_is_the_best_of_its_length(rng, vectors):
     for scale in (0.01, 1.0, 1e3):
         gradient, bends = rng.normal(size=5), scale * rng.normal(size=(vectors, 5))
-        step = _step(gradient, bends)
+        step = bounded_step(gradient, bends, RETREAT_STEP)
 
         def value(steps, gradient=gradient, bends=bends):
             return steps @ gradient + 0.5 * ((steps @ bends.T) ** 2).sum(axis=-1)
@@ -291,7 +292,7 @@ def test_a_step_of_a_retreat_is_the_best_of_its_length(rng, vectors):
         others = rng.normal(size=(2000, 5))
         others *= RETREAT_STEP * rng.uniform(size=(2000, 1)) / np.linalg.norm(others, axis=1, keepdims=True)
         assert value(step) <= value(others).min() + 1e-12 * abs(value(step))
-    assert not _step(np.zeros(5), bends).any()
+    assert not bounded_step(np.zeros(5), bends, RETREAT_STEP).any()
 
 
 def test_edges_are_weeded_out_of_chains_where_they_are_blocked_and_nowhere_else(setup, rng):

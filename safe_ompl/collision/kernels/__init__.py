@@ -1,1 +1,0 @@
-"""Compiled queries and proofs of pairs of bodies."""
