@@ -128,9 +128,6 @@ class CopyModules(build_py):
                     path.unlink()
             package = Path(self.build_lib, "safe_ompl")
             shutil.copytree("scenarios", package / "scenarios", dirs_exist_ok=True)
-            # Machine code of Numba's kernels, which `.ci/machine_code.py` makes.
-            if made := os.environ.get("SAFE_OMPL_MACHINE_CODE"):
-                shutil.copytree(Path(made, "machine_code"), package / "machine_code", dirs_exist_ok=True)
         super().run()
 
 

@@ -55,7 +55,7 @@ class Runner:
 
     def __init__(self, system: System, robot: Path, folder: Path) -> None:
         python = python_of(system, folder)
-        kept = ("HOME", "PATH", "LANG", "NUMBA_CACHE_DIR", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")  # where kernels are
+        kept = ("HOME", "PATH", "LANG")
         environment = {name: os.environ[name] for name in kept if name in os.environ}
         environment |= {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
         if not system.environment:

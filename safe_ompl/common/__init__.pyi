@@ -1,16 +1,4 @@
 from . import documents as documents, files as files, polynomials as polynomials
-from .compilation import (
-    caller as caller,
-    clock as clock,
-    compile_together as compile_together,
-    compiled as compiled,
-    ctrl_c_as_such as ctrl_c_as_such,
-    expanded as expanded,
-    inlined as inlined,
-    maker as maker,
-    part as part,
-    until_ctrl_c as until_ctrl_c,
-)
 from .documents import (
     RATE_BOUNDS as RATE_BOUNDS,
     BoolArray as BoolArray,
@@ -46,7 +34,6 @@ from .errors import (
     told_apart as told_apart,
     warn_once as warn_once,
 )
-from .machine_code import origin as origin
 from .models import (
     Changes as Changes,
     Counts as Counts,

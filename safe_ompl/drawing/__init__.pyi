@@ -15,6 +15,5 @@ from .pictures import (
     save_picture as save_picture,
     small_picture as small_picture,
 )
-from .rasteriser import interpolated as interpolated
 from .surfaces import RobotBody as RobotBody
 from .viewer import BrowserView as BrowserView, save_page as save_page, view as view

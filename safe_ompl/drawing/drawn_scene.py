@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, finite_array
-from safe_ompl.drawing.rasteriser import nearest_triangles
+from safe_ompl.drawing.rendering import nearest_triangles
 from safe_ompl.drawing.style import Colour
 from safe_ompl.drawing.surfaces import ColouredSurface, RobotBody, Surface, scene_surfaces
 from safe_ompl.geometry import surfaces

@@ -9,8 +9,17 @@ from numpy.typing import NDArray
 
 from safe_ompl.common import FloatArray
 from safe_ompl.drawing.drawn_scene import Camera, in_picture, viewing_rays
-from safe_ompl.drawing.light import FLOOR_VALUE, SUBPIXELS, Light, Painted, View, shaded
-from safe_ompl.drawing.rasteriser import Numbers, draw_triangles, interpolated, nearest_triangles
+from safe_ompl.drawing.light import Light
+from safe_ompl.drawing.rendering import (
+    FLOOR_VALUE,
+    SUBPIXELS,
+    Painted,
+    Shading,
+    View,
+    draw_triangles,
+    interpolated,
+    nearest_triangles,
+)
 from safe_ompl.drawing.surfaces import ColouredSurface, Surface
 
 
@@ -61,14 +70,16 @@ class Renderer:
         picture = self._picture(solid, [*self._still, *things], light, faces)
         return picture, [self._layer(hidden, *body) for body in bodies]
 
-    def _nearest(self, surface: Surface) -> tuple[NDArray[np.float32], Numbers]:
+    def _nearest(self, surface: Surface) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
         """Return 1/depth of a surface at all subpixels, and which of its triangles they see."""
         return nearest_triangles(in_picture(self.camera, surface.vertices, self._fine), surface.faces, *self._fine)
 
     def _light_around(self, points: FloatArray, solid: Surface) -> Light:
         return Light.around(points, self._floor, self.camera.key_light()).behind(solid)
 
-    def _picture(self, solid: Surface, things: Sequence[ColouredSurface], light: Light, faces: Numbers) -> FloatArray:
+    def _picture(
+        self, solid: Surface, things: Sequence[ColouredSurface], light: Light, faces: NDArray[np.int32]
+    ) -> FloatArray:
         """Return the picture of things, which make one solid of which subpixels see triangles, or -1."""
         owners = np.repeat(np.arange(len(things)), [len(thing.surface.faces) for thing in things])
         paint = np.array([(*linear(np.array(thing.colour)), thing.glossy) for thing in things], dtype=float)
@@ -77,7 +88,8 @@ class Renderer:
         back, right = camera.axes()
         scale = np.tan(camera.field_of_view / 2) / (height / 2)
         view = View(camera.eye, np.stack([right, camera.up, back]), scale, camera.key_light())
-        return shaded(faces.reshape(height, width), self._floor_nearness.reshape(height, width), painted, light, view)
+        shading = Shading(painted, light, view)
+        return shading.picture(faces.reshape(height, width), self._floor_nearness.reshape(height, width))
 
     def _layer(self, hidden: FloatArray, surface: Surface, values: FloatArray) -> FloatArray:
         """Return the values (V, C) of a body's vertices where it is nearer than what hides it: (height, width, C)."""

@@ -78,6 +78,17 @@ def draw_triangles(
                         owner[row, column] = first + <int> f
 
 
+def nearest_triangles(points, faces, Py_ssize_t width, Py_ssize_t height):
+    """Return how near the nearest triangle is at each pixel (height, width), -inf beside all, and which it is, or -1.
+
+    See `draw_triangles`.
+    """
+    nearness = np.full((height, width), -np.inf, dtype=np.float32)
+    owner = np.full((height, width), -1, dtype=np.int32)
+    draw_triangles(points, faces, 0, nearness, owner)
+    return nearness, owner
+
+
 cdef int _check_faces(const double[:, ::1] points, const Py_ssize_t[:, ::1] faces) except -1:
     cdef Py_ssize_t f, k, V = points.shape[0]
     if points.shape[1] != 3 or faces.shape[1] != 3:
@@ -153,7 +164,7 @@ class Painted(NamedTuple):
     paint: object
 
 
-class Camera(NamedTuple):
+class View(NamedTuple):
     """What a camera sees of light.
 
     The eye (3,) [m]; axes (3, 3), rows: to the right and up in the picture, and back; the size of a subpixel per metre
@@ -175,8 +186,8 @@ cdef class Shading:
         The triangles.
     light : Light
         The light, with shadow maps.
-    view : Camera
-        The camera.
+    view : View
+        What the camera sees of it.
     """
 
     cdef const double[:, ::1] vertices, normals, paint, axes, slants, lights, on_floor
@@ -204,7 +215,7 @@ cdef class Shading:
         if self.eye.shape[0] != 3 or self.key.shape[0] != 3 or np.shape(view.axes) != (3, 3) or self.corner.shape[0] != 2:
             raise InputError("eye, axes and key light must be of three dimensions")
 
-    def picture(self, const int[:, ::1] faces, const float[:, ::1] floor_nearness):
+    def picture(self, const int[:, ::1] faces, const double[:, ::1] floor_nearness):
         """Return a picture in linear RGB (height, width, 3).
 
         Subpixels (H, W) see triangles, or the floor where that is -1 and 1/depth of the floor is positive. Of those of
@@ -245,7 +256,7 @@ cdef class Shading:
                             else:
                                 depth = 1.0
                                 if floor_nearness[i, j] > 0.0:
-                                    depth = 1.0 / <double> floor_nearness[i, j]
+                                    depth = 1.0 / floor_nearness[i, j]
                                     depth = self._light_on_floor(self.eye[0] + depth * ray[0], self.eye[1] + depth * ray[1])
                                 for k in range(3):
                                     colours[s][k] = FLOOR * depth

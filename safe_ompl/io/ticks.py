@@ -52,7 +52,7 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 FORMAT, VERSION = "safe-ompl ticks", 2
-_MAKERS = ("safe-ompl", "numpy", "pin", "coal", "numba")
+_MAKERS = ("safe-ompl", "numpy", "pin", "coal")
 
 
 def ticks_header(tick: float, robot: Robot, scene: Scene, moving: Mapping[str, Any]) -> dict[str, Any]:

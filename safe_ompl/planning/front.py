@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import cycle, islice
 from typing import NamedTuple
 
-from safe_ompl.common import InputError, instance, number, seed as checked_seed, until_ctrl_c
+from safe_ompl.common import InputError, instance, number, seed as checked_seed
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.run import noted_ctrl_c
 from safe_ompl.planning.safe_setup import SafeSetup
@@ -89,7 +90,7 @@ def tradeoff(setup: SafeSetup, weights: Sequence[float] = _WEIGHTS, *, time: flo
         raise InputError(f"weights must be a list that is not empty, got {weights!r}")
     ordered = sorted({number("weight", weight, at_least=0.0, at_most=_LARGEST_WEIGHT) for weight in weights})
     search = _FrontSearch(setup, ordered, time)
-    with noted_ctrl_c() as interrupts, until_ctrl_c():
+    with noted_ctrl_c() as interrupts, suppress(KeyboardInterrupt):
         search.start(time, seed)
         search.improve()
     if interrupts and not search.found:

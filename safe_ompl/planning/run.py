@@ -6,9 +6,10 @@ import logging
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from threading import current_thread, main_thread
+from time import perf_counter
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from ompl import base as ob
 
 import safe_ompl.common as common
 import safe_ompl.planning.simplification as simplification
-from safe_ompl.common import Counts, FloatArray, PlanningError, clock, number, until_ctrl_c
+from safe_ompl.common import Counts, FloatArray, PlanningError, number
 from safe_ompl.planning.planners import SafePlanner, nodes_of
 from safe_ompl.planning.result import Improvement, PlanResult
 
@@ -93,11 +94,11 @@ def told(name: str, seconds: float, stop: Stop) -> Stop:
     """Return the same `stop`, which in notebooks also says on one line how much of the time [s] is over."""
     if "ipykernel" not in sys.modules:
         return stop
-    begin, said = clock(), -1
+    begin, said = perf_counter(), -1
 
     def over() -> bool:
         nonlocal said
-        share = min(100, round(100 * (clock() - begin) / seconds))
+        share = min(100, round(100 * (perf_counter() - begin) / seconds))
         if share > said:
             said = share
             print(f"\r{name}: {share} % of {seconds:g} s", end="", file=sys.stderr, flush=True)
@@ -113,7 +114,7 @@ def optimise(search: Search, simplifier: Simplifier, seconds: float, stop: Stop 
     start, and a time limit [s], to a path (N, n) or None. When several starts in a row have found nothing better, the
     best path is refined: more way points, smaller gains. Ctrl-C ends it early; what was found stands.
     """
-    begin, over, found = clock(), simplification.timed(seconds, stop), Optimisation([], [])
+    begin, over, found = perf_counter(), simplification.timed(seconds, stop), Optimisation([], [])
     best, stale, refinement, start = np.inf, 0, 0, 0
 
     def better(path: FloatArray, cost: float) -> None:
@@ -121,21 +122,21 @@ def optimise(search: Search, simplifier: Simplifier, seconds: float, stop: Stop 
         if cost < best:
             stale = 0 if cost < (1.0 - _WORTHWHILE) * best else stale
             best = cost
-            found.times.append(clock() - begin)
+            found.times.append(perf_counter() - begin)
             found.paths.append(path)
 
-    with until_ctrl_c():  # the best path so far stands
+    with suppress(KeyboardInterrupt):  # the best path so far stands
         while not over():
             if found.paths and stale >= _STALE_STARTS and refinement < _REFINEMENTS:
                 refinement, stale = refinement + 1, 0
                 simplifier.refined(refinement).begin(found.paths[-1], over, better, proven=True).improve()
                 continue
-            path = search(start, seconds - (clock() - begin))
+            path = search(start, seconds - (perf_counter() - begin))
             start, stale = start + 1, stale + 1
             if path is None:
                 continue
             if found.first_path is None:
-                found.first_path = clock() - begin
+                found.first_path = perf_counter() - begin
                 found.times.append(found.first_path)
                 found.paths.append(path)
             simplifier.begin(path, over, better, proven=True).improve()
@@ -150,11 +151,11 @@ class PlanningRun:
 
     def planned(self, time: float, simplification: float | None = None) -> PlanResult:
         """Plan once, and simplify for a duration [s] if one is given, 0 for as long as the time limit allows."""
-        setup, begin = self._setup, clock()
+        setup, begin = self._setup, perf_counter()
         before = replace(setup.counts)
         status = setup.solve(time)
         path = setup.solution() if setup.haveExactSolutionPath() else None
-        planned, raw = clock(), None
+        planned, raw = perf_counter(), None
         left = time - (planned - begin)
         if path is not None and simplification is not None:
             if left > 0:
@@ -163,12 +164,12 @@ class PlanningRun:
             else:
                 _log.info("planning took all of the time limit: the path is not simplified")
         found = {"status": status.asString(), "path": path, "planned_path": raw}
-        simplified = 0.0 if raw is None else clock() - planned
+        simplified = 0.0 if raw is None else perf_counter() - planned
         return self._result(before, nodes_of(self._planner), planned - begin, simplified, found)
 
     def optimised(self, time: float, stop: Stop) -> PlanResult:
         """Plan again and again until the time is up, and keep the best path; see `optimise`."""
-        setup, begin = self._setup, clock()
+        setup, begin = self._setup, perf_counter()
         before, simplifier = replace(setup.counts), setup.simplifier
         nodes, status = 0, "Timeout"
 
@@ -185,13 +186,13 @@ class PlanningRun:
             status, path = found.asString(), setup.solution()
             return np.asarray(path)
 
-        found = optimise(search, simplifier, time - (clock() - begin), stop)
+        found = optimise(search, simplifier, time - (perf_counter() - begin), stop)
         path, improvements = found.settled(simplifier)
         if path is not None and setup.getConstraints().user is not None:
             path = next((best for best in (path, *reversed(found.paths)) if setup.is_free(best)), None)
         if path is not None:
             setup.set_solution(path)
-        elapsed = clock() - begin
+        elapsed = perf_counter() - begin
         first = elapsed if found.first_path is None else found.first_path
         said = {"status": status, "path": path, "improvements": improvements}
         return self._result(before, nodes, first, elapsed - first, said)
@@ -227,7 +228,7 @@ def best_start(
     def lost(seed: int, words: str) -> PlanResult:
         raise PlanningError(f"the start with seed {seed} was lost: {words}")
 
-    with until_ctrl_c():
+    with suppress(KeyboardInterrupt):
         for result in common.in_order(plan, seeds, workers, lost):
             results.append(result)
             if interrupts:
@@ -253,8 +254,8 @@ def best_start(
 def validated(setup: SafeSetup, result: PlanResult, begin: float) -> PlanResult:
     """Return a result with the report on its path; a PlanningError if it is not proven, or leads elsewhere."""
     path = result.path
-    setup_time = clock() - begin - result.planning_time - result.simplification_time
-    begin, report = clock(), None
+    setup_time = perf_counter() - begin - result.planning_time - result.simplification_time
+    begin, report = perf_counter(), None
     if path is not None:
         report = setup.report(path)
         if not report.certified:
@@ -266,7 +267,7 @@ def validated(setup: SafeSetup, result: PlanResult, begin: float) -> PlanResult:
         result,
         report=report,
         setup_time=setup_time,
-        validation_time=clock() - begin,
+        validation_time=perf_counter() - begin,
         robot=setup.robot,
         scene=setup.scene,
         danger=setup.danger_options,

@@ -24,8 +24,6 @@ from safe_ompl.common import (
     FloatArray,
     InputError,
     PlanningError,
-    clock,
-    ctrl_c_as_such,
     finite_array,
     instance,
     number,
@@ -351,7 +349,6 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         elif isinstance(self.getGoal(), ob.GoalSampleableRegion):
             self.setPlanner(SafeRRTConnect(self.getSpaceInformation()))
 
-    @ctrl_c_as_such()
     def solve(self, time: float | ob.PlannerTerminationCondition = 1.0) -> ob.PlannerStatus:
         """Plan with the planner that is set, `SafeRRTConnect` if none is, as OMPL's `solve`; may be interrupted.
 
@@ -390,7 +387,6 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
                 self.getPlanner().clear()
             raise
 
-    @ctrl_c_as_such()
     def plan(
         self,
         planner: str | Any = "SafeRRTConnect",
@@ -438,7 +434,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
             On Ctrl-C before there is a path. Later it ends simplification and optimisation, and the best path so far
             is returned; `PlanResult.interrupted` says so.
         """
-        begin = clock()
+        begin = perf_counter()
         time = number("time limit", time if optimise is None else optimise, above=0.0, kind="number of seconds")
         simplification = simplification_time(simplify)
         starts, seed = whole_number("starts", starts, at_least=1), checked_seed(seed)
@@ -645,16 +641,16 @@ def connecting(setup: SafeSetup, time: float) -> Callable[[FloatArray, FloatArra
 
     It plans under the constraints of the setup, whose own problem stays as it is.
     """
-    end, own = clock() + time, list[SafeSetup]()
+    end, own = perf_counter() + time, list[SafeSetup]()
 
     def connect(start: FloatArray, goal: FloatArray) -> FloatArray | None:
-        if clock() >= end:
+        if perf_counter() >= end:
             return None
         if not own:
             own.append(SafeSetup(setup.robot, setup.scene, danger=setup.danger_options))
             own[0].setConstraints(setup.getConstraints())
         own[0].setConfigurations(start, goal)
-        left = max(end - clock(), 1e-3)
+        left = max(end - perf_counter(), 1e-3)
         return own[0].plan("SafeRRTConnect", time=left, simplify=0.2 * left).path
 
     return connect

@@ -6,10 +6,11 @@ import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import safe_ompl.scene as scenes
-from safe_ompl.common import clock, documents as document
+from safe_ompl.common import documents as document
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot import Robot
@@ -31,12 +32,12 @@ def plan(
     `simplify`, `optimise`, `starts` and `workers`. Errors as `SafeSetup.plan`; an InputError, too, if the scenario
     cannot be used.
     """
-    begin = clock()
+    begin = perf_counter()
     if not isinstance(scenario, scenes.Scenario):
         scenario = scenes.Scenario.load(scenario)
     setup = setup_scenario(scenario)
     own = scenario.planners.get(planner, {})
-    built = clock() - begin
+    built = perf_counter() - begin
     result = setup.plan(
         planner,
         time=scenario.time if time is None else time,

@@ -11,8 +11,8 @@ from matplotlib.image import imread
 from safe_ompl import Box, InputError, Obstacle, PlanResult, Pose, Robot, Scene, Sphere
 from safe_ompl.drawing import render_comparison, render_path
 from safe_ompl.drawing.drawn_scene import Camera, DrawnScene, best_view, in_picture
-from safe_ompl.drawing.rasteriser import nearest_triangles
 from safe_ompl.drawing.renderer import Renderer, tone_mapped
+from safe_ompl.drawing.rendering import nearest_triangles
 from safe_ompl.drawing.surfaces import RobotBody, Surface, tessellate
 from safe_ompl.geometry import surfaces
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, ctrl_c_as_such, documents as document, in_order, whole_number
+from safe_ompl.common import FloatArray, InputError, documents as document, in_order, whole_number
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.planning.planners import is_ours, make_planner, needs_place, planner_names
 from safe_ompl.scene import Scenario
@@ -62,8 +62,7 @@ def run_planner(
     """
     try:
         options: dict[str, Any] = {"parameters": parameters, "simplify": simplify}
-        with ctrl_c_as_such():
-            result = setup.plan(run.planner if planner is None else planner, time=time, seed=run.seed, **options)
+        result = setup.plan(run.planner if planner is None else planner, time=time, seed=run.seed, **options)
     except InputError:
         raise
     except Exception as error:

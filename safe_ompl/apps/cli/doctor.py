@@ -8,27 +8,22 @@ from __future__ import annotations
 import platform
 import re
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, metadata, requires, version
-from pkgutil import resolve_name
 from time import perf_counter
 from typing import Any
 
-import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
 from safe_ompl.apps.cli import arguments, output
-from safe_ompl.common import PlanningError, compile_together, origin
-from safe_ompl.drawing import interpolated, render_path
+from safe_ompl.common import PlanningError
 from safe_ompl.planning import setup_scenario
-from safe_ompl.scene import Scene
 from safe_ompl.version import __version__
 
-_SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 600.0  # [s]: a slow machine calls all, too
-ALL_JOBS = (f"{__name__}:ask_for_pictures",)
+# The time limit [s] is long, so that a slow machine ends, too.
+_SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 60.0
 
 
 def examine() -> int:
@@ -43,10 +38,7 @@ def examine() -> int:
         table.add_row(name, found or "missing", escape(f"needs {bounds}" if bounds else ""))
         healthy &= found is not None or bool(extra)
     output.console().print(table)
-    output.console().print(escape(f"kernels: {origin(interpolated)}"), soft_wrap=True)
-    compile_all()
-    trials: dict[str, Callable[[], Any]] = {f"kernels: {job.rpartition(':')[2]}": resolve_name(job) for job in ALL_JOBS}
-    trials["plan"] = _plan
+    trials: dict[str, Callable[[], Any]] = {"plan": _plan}
     for extra, (module, _) in output.EXTRAS.items():
         if advice := output.missing_extra(extra):
             output.console().print(escape(f"{extra}: {advice}"))
@@ -91,14 +83,3 @@ def _plan() -> None:
         f"{_PLANNER} in {_SCENARIO}: {len(result.path)} way points, proven; {1e3 * (built - begin):.0f} ms to set up, "
         f"{1e3 * result.planning_time:.1f} ms to plan"
     )
-
-
-def compile_all() -> None:
-    """Compile what is not kept yet, and can be."""
-    with suppress(Exception):  # of a job; `examine` does each job again, and says which one fails
-        compile_together([interpolated], ALL_JOBS)
-
-
-def ask_for_pictures() -> None:
-    """Call what a picture needs."""
-    render_path(arguments.load_scenario(_SCENARIO).build_robot(), Scene(), np.zeros((2, 2)), size=(16, 16))

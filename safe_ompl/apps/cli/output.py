@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from safe_ompl.common import InputError, files, until_ctrl_c
+from safe_ompl.common import InputError, files
 from safe_ompl.drawing import PLOT_ENDINGS
 from safe_ompl.io import strict_json
 
@@ -150,7 +150,7 @@ def each_until_ctrl_c(items: Iterable[Item], do: Callable[[Item], object]) -> in
     KeyboardInterrupt where nothing was done by then.
     """
     done = False
-    with until_ctrl_c():
+    with suppress(KeyboardInterrupt):
         for item in items:
             do(item)
             done = True

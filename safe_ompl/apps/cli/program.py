@@ -13,7 +13,7 @@ from rich.table import Table
 from safe_ompl.apps.cli import arguments, check, compare, live, new, output, plan, ros, verify, view
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.doctor import examine
-from safe_ompl.common import InputError, SafeOmplError, ctrl_c_as_such
+from safe_ompl.common import InputError, SafeOmplError
 from safe_ompl.robot import EXAMPLES
 from safe_ompl.scene import Scenario, list_scenarios
 from safe_ompl.version import __version__
@@ -39,11 +39,7 @@ def main(words: Sequence[str] | None = None) -> int:
     try:
         options = command_line().parse_args((sys.argv[1:] if words is None else words) or ["--help"])
         output.check_outputs(options)
-        with (
-            output.ompl_messages(options.verbose),
-            output.shown_log(console, options.verbose) as show,
-            ctrl_c_as_such(),
-        ):
+        with output.ompl_messages(options.verbose), output.shown_log(console, options.verbose) as show:
             job = options.prepare(options)
             show()
             return int(job())

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator
 from math import atan2, inf, sqrt
+from time import perf_counter
 from typing import Any, NamedTuple
 
 import coal
@@ -24,7 +25,7 @@ import pinocchio as pin
 
 from safe_ompl.certificates.claims import ClaimedStretch, ClaimedTool
 from safe_ompl.certificates.verifier.motion import RecordedLaw, RecordedPiece
-from safe_ompl.common import CertificateError, FloatArray, clock
+from safe_ompl.common import CertificateError, FloatArray
 from safe_ompl.io import schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -38,11 +39,11 @@ class Budget:
 
     def __init__(self, seconds: float) -> None:
         self.where = "its beginning"
-        self._seconds, self._end = seconds, clock() + seconds
+        self._seconds, self._end = seconds, perf_counter() + seconds
 
     def spend(self) -> None:
         """Raise CertificateError if the time is over."""
-        if clock() > self._end:
+        if perf_counter() > self._end:
             raise CertificateError(
                 f"undecided: what came first holds, but {self._seconds:g} s were over at {self.where}; "
                 "give more time (--time)"

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pkgutil import resolve_name
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 from ompl import base as ob, geometric as og, util as ou
 
-from safe_ompl.common import InputError, UnknownNameError, clock
+from safe_ompl.common import InputError, UnknownNameError
 from safe_ompl.planning.ompl import WorkspaceGoal
 from safe_ompl.planning.planners.base import SafePlanner, camel_case
 
@@ -160,8 +161,8 @@ def termination(time: Any) -> Any:
         is_number = isinstance(time, (int, float, np.integer, np.floating)) and not isinstance(time, bool)
         if not (is_number and time >= 0):
             raise InputError(f"time must be a number of seconds or a termination condition, got {time!r}")
-        end = clock() + float(time)
-        return ob.PlannerTerminationCondition(lambda: clock() >= end)
+        end = perf_counter() + float(time)
+        return ob.PlannerTerminationCondition(lambda: perf_counter() >= end)
     return ob.PlannerTerminationCondition(lambda: bool(time()))
 
 

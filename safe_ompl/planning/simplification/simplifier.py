@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from copy import copy
 from functools import partial
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CollisionChecker, MotionProver
-from safe_ompl.common import FloatArray, InputError, clock, number, until_ctrl_c
+from safe_ompl.common import FloatArray, InputError, number
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.simplification.cost import (
     WEIGHT,
@@ -39,8 +41,8 @@ _ALLOWANCE = 1.3  # clearance below this times that of the nearer end costs most
 
 def timed(seconds: float, stop: Stop | None = None) -> Stop:
     """Return a predicate that says stop after some seconds from now, or when `stop` does."""
-    end = clock() + seconds
-    return lambda: clock() >= end or (stop is not None and stop())
+    end = perf_counter() + seconds
+    return lambda: perf_counter() >= end or (stop is not None and stop())
 
 
 class Simplifier:
@@ -175,7 +177,7 @@ class Simplifier:
         if not callable(stop):
             stop = timed(number("time", stop, above=0.0))
         run = self.begin(path, stop, proven=proven)
-        with until_ctrl_c():
+        with suppress(KeyboardInterrupt):
             run.improve()
         return run.best
 

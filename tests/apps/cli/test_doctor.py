@@ -28,9 +28,7 @@ def test_the_doctor_tells_what_is_missing_or_fails(capsys, monkeypatch, tmp_path
         raise ValueError("no\nsuch kernel")
 
     monkeypatch.setattr(doctor, "requirements", lambda: iter([("no-such-package", ">=2", "")]))
-    monkeypatch.setattr(doctor, "compile_all", lambda: None)
-    monkeypatch.setattr(doctor, "ALL_JOBS", (f"{__name__}:job",))
-    monkeypatch.setitem(globals(), "job", breaks)
+    monkeypatch.setattr(doctor, "_plan", breaks)
     monkeypatch.setitem(output.EXTRAS, "viewer", ("no_such_module", "the viewer"))
     (tmp_path / "damaged.py").write_text("import something_else")
     monkeypatch.syspath_prepend(tmp_path)
@@ -38,12 +36,12 @@ def test_the_doctor_tells_what_is_missing_or_fails(capsys, monkeypatch, tmp_path
     assert main(["doctor"]) == 1
     out = capsys.readouterr().out
     assert re.search(r"no-such-package +missing +needs >=2", out)
-    assert "fails: kernels: job: ValueError: no such kernel\n" in out
+    assert "fails: plan: ValueError: no such kernel\n" in out
     assert re.search(r"^fails: plots: ModuleNotFoundError: .*something_else", out, re.MULTILINE)
     assert "viewer: no_such_module missing; get the viewer with: pip install 'safe-ompl[viewer]'" in " ".join(
         out.split()
     )
-    assert not re.search("fails: (?!kernels|plots)", out), out
+    assert not re.search("fails: (?!plan|plots)", out), out
 
 
 def test_what_is_needed_is_known():

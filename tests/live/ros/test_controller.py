@@ -1,22 +1,16 @@
 """A robot driven to goals beside people, with messages lost, late, out of order and broken; without ROS."""
 
 import argparse
-import gc
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import count
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from driving import AWAY, BODY, GOAL, OPTIONS, START, Drive, ball, panda
-from numba.core.dispatcher import Dispatcher
 
 from safe_ompl import CollisionChecker, InputError, Motion
-from safe_ompl.apps.cli.ros import cell_of, rehearse, trackers_of
+from safe_ompl.apps.cli.ros import cell_of, trackers_of
 from safe_ompl.geometry import STANDING, Pose, Sphere
 from safe_ompl.live.replanning import ReplanningOptions
 from safe_ompl.live.ros import ControlOptions
@@ -325,44 +319,6 @@ def test_behind_a_shield_proposals_are_followed_as_far_as_they_are_proven():
         setattr(drive, lost, False)
     drive.run(0.5)
     assert drive.last == ("standing", "nothing was proposed")
-
-
-# ------------------------------------------------------------------------------------------------------- kernels
-
-
-def kernels():
-    """Return the kernels that this process has, with the types that they take."""
-    found = [thing for thing in gc.get_objects() if isinstance(thing, Dispatcher)]
-    own = [kernel for kernel in found if kernel.py_func.__module__.startswith("safe_ompl.")]
-    return {(kernel.py_func.__qualname__, str(types)) for kernel in own for types in kernel.overloads}
-
-
-def rehearse_and_drive(shield):
-    """Fail if ticks call kernels that the rehearsal does not."""
-    drive = Drive(panda(shield))
-    rehearse(argparse.Namespace(**OPTIONS, shield=shield), drive.controller.options)
-    before = kernels()
-    assert before
-    if not shield:
-        drive.go()
-    for k in range(40):
-        drive.person = np.array([3.0 - 2.0 * min(1.0, k / 30), 0.0, -0.75])
-        if shield and drive.controller.driving:
-            drive.controller.propose(Motion.hermite([0.0, 5.0], [drive.q, GOAL]))
-        drive.run(0.05)
-        if k == 30:
-            drive.controller.receive_cloud(drive.time - 0.05, np.full((20, 3), 1.5))
-    assert {"moving", "slowed"} & {tick["state"] for tick in drive.ticks}
-    assert kernels() == before
-
-
-@pytest.mark.parametrize("shield", [False, True])
-def test_ticks_compile_nothing(shield):
-    """Where kernels are on disk they are loaded when they are first called: a new process shows which were."""
-    script = f"import test_controller; test_controller.rehearse_and_drive({shield})"
-    own = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=own)
-    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("shield", [False, True])

@@ -1,5 +1,6 @@
 """Simplified paths: cheaper, proven, no less clear, no longer than allowed, and there whenever it stops."""
 
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -24,7 +25,6 @@ from safe_ompl import (
     Scene,
     Sphere,
 )
-from safe_ompl.common import until_ctrl_c
 from safe_ompl.planning.simplification import PathReport, Simplifier, timed
 from safe_ompl.planning.simplification.cost import ObstacleCost
 from safe_ompl.planning.simplification.costs import bounded_step
@@ -77,7 +77,7 @@ def simplify(setup, path, time=0.2, on_better=None, **options):
     if on_better is None:
         return simplifier.simplify(path, time)
     run = simplifier.begin(path, timed(time), on_better)
-    with until_ctrl_c():
+    with suppress(KeyboardInterrupt):
         run.improve()
     return run.best
 
