@@ -41,5 +41,4 @@ from .models import (
     halton_point as halton_point,
     notebook_html as notebook_html,
 )
-from .stack import stack_array as stack_array
 from .workers import in_order as in_order

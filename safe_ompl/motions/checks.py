@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,6 @@ from safe_ompl.common import (
     FloatArray,
     InputError,
     PlanningError,
-    clock,
     documents as document,
     finite_array,
     in_order,
@@ -206,7 +206,7 @@ def check_with(
     motion: Any, proof: MotionProver, limits: RateLimits | None = None, people: People | None = None, time: float = TIME
 ) -> MotionCheck:
     """Return the same as `check` with a `MotionProver` that is there already, within a time [s]."""
-    end = clock() + number("time", time, above=0.0, kind="number of seconds")
+    end = perf_counter() + number("time", time, above=0.0, kind="number of seconds")
     limits = None if limits is None else instance("limits", limits, RateLimits)
     robot = proof.checker.robot
     motion = Motion.of(motion, space=robot).for_robot(robot)
@@ -214,7 +214,7 @@ def check_with(
     found = rate_violations(motion, robot, limits)
     outside = {violation.names[0] for violation in found if violation.kind == "position"}
     stretches: list[Violation] = []
-    for piece in piece_proofs(motion, replace(proof, stop=lambda: clock() > end)):
+    for piece in piece_proofs(motion, replace(proof, stop=lambda: perf_counter() > end)):
         verdict = piece.verdict()
         joint, what = verdict.pair or ("", "")
         # Pairs and radii hold within the limits only: beyond them nothing else is known.

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,6 @@ from safe_ompl.common import (
     FloatArray,
     InputError,
     PlanningError,
-    clock,
     documents as document,
     number,
     seed as checked_seed,
@@ -125,7 +125,7 @@ class _ProgramPlanner:
 
     def run(self, time: float) -> ProgramResult:
         """Return the program planned within a time [s]."""
-        begin = clock()
+        begin = perf_counter()
         self._end, order = begin + time, count()
         best = _Node(0, self._cell.begin)
         waiting = [(0.0, next(order), 0.0, best)]
@@ -136,7 +136,7 @@ class _ProgramPlanner:
             heapq.heappush(waiting, (cost + _REFUSED * refused[node.choices], next(order), cost, node))
 
         while waiting and best.step < len(self._steps):
-            if clock() > self._end:
+            if perf_counter() > self._end:
                 why = f"{why}; {time:g} s are over" if why else f"{time:g} s are over"
                 break
             before, _, cost, node = heapq.heappop(waiting)
@@ -158,7 +158,7 @@ class _ProgramPlanner:
                     failed, why = node.step, f"step {node.step + 1} ({self._steps[node.step]}): {error}"
         solved = best.step == len(self._steps)
         why = "" if solved else why or f"step {best.step + 1}: nothing is left to try"
-        return ProgramResult(self._scenario, best.stretches, best.choices, why, clock() - begin)
+        return ProgramResult(self._scenario, best.stretches, best.choices, why, perf_counter() - begin)
 
     def _done(self, node: _Node) -> _Node:
         """Return the node after its step was planned."""
@@ -250,7 +250,7 @@ class _ProgramPlanner:
             if np.abs(arm.difference(q, wanted)).max() < _STILL:
                 return state, ()
             setup.setConfigurations(q, wanted)
-        left = min(_LONGEST, max(self._end - clock(), 1e-3))
+        left = min(_LONGEST, max(self._end - perf_counter(), 1e-3))
         result = setup.plan(time=left, seed=self._seed, simplify=setup.field is not None)
         if result.path is None:
             raise ImpossibleError(f"no path is found in {left:.2g} s")

@@ -5,22 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CollisionChecker, MotionProver
-from safe_ompl.common import (
-    FloatArray,
-    InputError,
-    clock,
-    instance,
-    number,
-    polynomials,
-    seed as checked_seed,
-    whole_number,
-)
+from safe_ompl.common import FloatArray, InputError, instance, number, polynomials, seed as checked_seed, whole_number
 from safe_ompl.danger import DangerField
 from safe_ompl.motions import Motion, MotionCheck, RateLimits, check_with, rate_violations
 from safe_ompl.robot import Frames, Robot, Tip
@@ -196,7 +188,7 @@ class ToolPlanner:
         limits: RateLimits | None = None,
     ) -> ToolMotion:
         """Return a motion along a curve; arguments, result and errors as `tool_motion`."""
-        begin, robot = clock(), self.prover.checker.robot
+        begin, robot = perf_counter(), self.prover.checker.robot
         rates = RateLimits.of(robot) if limits is None else limits
         wanted = None if speed is None else number("speed", speed, above=0.0)
         begins = None if start is None else robot.clipped_start(start)
@@ -209,7 +201,7 @@ class ToolPlanner:
         if found.along is not None:
             motion, reached = in_time(found.along, search.path, robot, rates, wanted)
             found = replace(found, motion=motion, speed=reached)
-        return replace(found, planning_time=clock() - begin)
+        return replace(found, planning_time=perf_counter() - begin)
 
 
 class _LadderSearch:
