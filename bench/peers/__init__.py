@@ -45,9 +45,7 @@ def main(options: argparse.Namespace, report: Report) -> None:
     environments = (options.environments or out / "environments").resolve()
     out.mkdir(parents=True, exist_ok=True)
     robot, problems, outside = export(MbmFile.load(options.file), options.problems, out)
-    named = {s.name for s in SYSTEMS if _chosen(s.name, options.only, options.skip)}
-    named |= {s.after for s in SYSTEMS if s.name in named}
-    chosen = [s for s in SYSTEMS if s.name in named]
+    chosen = [s for s in SYSTEMS if _chosen(s.name, options.only, options.skip)]
     open_ones = [problem for problem in problems if not problem.blocked]
     comparison = Comparison(chosen, robot, environments)
     if open_ones:

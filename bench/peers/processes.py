@@ -60,9 +60,6 @@ class Runner:
         environment |= {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
         if not system.environment:
             environment["PYTHONPATH"] = str(Path(__file__).parents[2])
-        if system.libraries:
-            found = next(python.parents[1].glob("lib/python*/site-packages/cmeel.prefix/lib"), None)
-            environment["LD_LIBRARY_PATH"] = str(found)
         self._name = system.name
         self._log = (robot.parent / f"{system.runner}.log").open("w")
         self._process = subprocess.Popen(
@@ -115,7 +112,7 @@ class Comparison:
     Parameters
     ----------
     chosen : sequence of System
-        Those that improve another's path after that one.
+        Those that are compared.
     robot : path-like
         The exported robot.
     environments : path-like
@@ -149,7 +146,7 @@ class Comparison:
         for name in [name for name in self._systems if name in self._runners]:
             runner = self._runners[name]
             try:
-                answers[name] = self._answer(self._systems[name], runner, problem, answers, grace)
+                answers[name] = runner.ask(problem, grace)
             except UnavailableError as reason:
                 answers[name] = {**dict.fromkeys(("building", "planning", "smoothing"), 0.0), "path": None}
                 answers[name]["error"] = str(reason)
@@ -159,23 +156,6 @@ class Comparison:
                 else:
                     self.unavailable[name] = f"after {len(self.runs[name])} problems: {reason}"
         return answers
-
-    def _answer(
-        self,
-        system: System,
-        runner: Runner,
-        problem: dict[str, Any],
-        answers: dict[str, dict[str, Any]],
-        grace: float | None,
-    ) -> dict[str, Any]:
-        """Ask a system; one that improves another's path is given it, and the time that it took."""
-        if not system.after:
-            return runner.ask(problem, grace)
-        given = answers.get(system.after, {"path": None, "error": f"no path of {system.after}"})
-        if given["path"] is None:
-            return {**dict.fromkeys(("building", "planning", "smoothing"), 0.0), **given}
-        answer = runner.ask({**problem, "given": given["path"]}, grace)
-        return {**answer, "planning": answer["planning"] + given["planning"] + given["smoothing"]}
 
     def close(self) -> None:
         """End all processes."""

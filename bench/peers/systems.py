@@ -21,8 +21,6 @@ class System:
         What pip installs there; empty for the environment that runs the bench.
     options : dict
         What the runner is given.
-    libraries : bool
-        Whether shared libraries of the environment must be found by the loader.
     """
 
     name: str
@@ -30,13 +28,9 @@ class System:
     environment: str = ""
     requirements: tuple[str, ...] = ()
     options: dict[str, object] = field(default_factory=dict)
-    libraries: bool = False
-    after: str = ""
 
 
 _OMPL = "OMPL RRTConnect + simplifier, 0.02"
-_TESSERACT = ("tesseract-robotics",)
-_HPP = ("hpp-python", "hpp-manipulation")
 _ROBOPLAN = ("roboplan",)
 
 SYSTEMS = (
@@ -51,10 +45,6 @@ SYSTEMS = (
     System("roboplan, 0.002", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.002}),
     System("MPlib", "mplib_", "mplib", ("mplib", "setuptools<80")),
     System("PyRoboPlan, 0.05", "pyroboplan_", "pyroboplan", ("pyroboplan",), {"resolution": 0.05}),
-    System("hpp-core, progressive", "hpp_", "hpp", _HPP, {"validation": "progressive"}, libraries=True),
-    System("hpp-core, dichotomy", "hpp_", "hpp", _HPP, {"validation": "dichotomy"}, libraries=True),
-    System("TrajOpt after OMPL, 25 mm", "tesseract_", "tesseract", _TESSERACT, {"margin": 0.025}, after=_OMPL),
-    System("TrajOpt after OMPL, 50 mm", "tesseract_", "tesseract", _TESSERACT, {"margin": 0.05}, after=_OMPL),
     *(System(f"plainmp, {x}", "plainmp_", "plainmp", ("plainmp",), {"resolution": x}) for x in (0.05, 0.005)),
     System("VAMP", "vamp_", "vamp", ("vamp-planner",)),
 )

@@ -115,7 +115,7 @@ def comparison(exported, tmp_path, monkeypatch):
     (tmp_path / "fake.py").write_text(FAKE.format(folder=str(processes.RUNNERS)))
     monkeypatch.setattr(processes, "RUNNERS", tmp_path)
     monkeypatch.setattr(processes, "GRACE", 1.0)
-    systems = (System("fake", "fake"), System("later", "fake", after="fake"))
+    systems = (System("fake", "fake"), System("later", "fake"))
     comparison = processes.Comparison(systems, exported[0], tmp_path)
     yield comparison
     comparison.close()
