@@ -17,7 +17,7 @@ print(f"verified: {'; '.join(found.claims)}")
 print(f"it does not speak of: {', '.join((*found.not_claimed, *found.not_covered))}")
 
 changed = json.loads(text)
-changed["motion"]["coefficients"][0][1][0] += 0.01
+changed["stretches"][0]["motion"]["coefficients"][0][1][0] += 0.01
 try:
     verify(changed)
 except CertificateError as refused:

@@ -115,7 +115,7 @@ def comparison(exported, tmp_path, monkeypatch):
     (tmp_path / "fake.py").write_text(FAKE.format(folder=str(processes.RUNNERS)))
     monkeypatch.setattr(processes, "RUNNERS", tmp_path)
     monkeypatch.setattr(processes, "GRACE", 1.0)
-    systems = (System("fake", "fake"), System("later", "fake"))
+    systems = (System("fake", "fake"), System("other", "fake"))
     comparison = processes.Comparison(systems, exported[0], tmp_path)
     yield comparison
     comparison.close()
@@ -135,7 +135,7 @@ def test_an_error_is_of_one_problem_alone(comparison):
     comparison.warm_up(order)
     failed = comparison.ask({**order, "order": "raise"})
     assert failed["fake"]["error"] == "ValueError: start is in collision"
-    assert failed["fake"]["path"] is failed["later"]["path"] is None
+    assert failed["fake"]["path"] is failed["other"]["path"] is None
     assert comparison.ask(order)["fake"]["path"] == [[0.0], [1.0]]
     assert not comparison.unavailable
 
@@ -147,7 +147,7 @@ def test_a_process_that_ends_is_started_anew_but_not_for_ever(comparison, monkey
         assert comparison.ask(order)["fake"]["path"] == [[0.0], [1.0]]
         assert "ended" in comparison.ask({**order, "order": "end"})["fake"]["error"]
         assert ("fake" in comparison.unavailable) == (end == processes.STARTS - 1)
-    assert "later" not in comparison.unavailable
+    assert set(comparison.unavailable) == {"fake", "other"}
     assert comparison.ask(order)["later"]["error"] == "no path of fake"
 
 

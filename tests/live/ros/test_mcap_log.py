@@ -159,7 +159,7 @@ def test_a_shield_is_logged_and_read_back(panda, tmp_path):
     assert header["objects"] == {"ball": 1.6}
     assert ticks[5]["people"]["anna"]["left_wrist"] == seen[9].tolist()
     content = read_recording(file, read=read_log)
-    np.testing.assert_array_equal(content.motions["live"].configurations[5], written[5]["q"])
+    np.testing.assert_array_equal(content.motions["live"].motion.knots[5], written[5]["q"])
 
 
 @pytest.mark.parametrize(
