@@ -271,7 +271,7 @@ class NanSomewhere(ob.OptimizationObjective):
         return ob.Cost(np.nan if nan else float(np.linalg.norm(b - a)))
 
 
-@pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.parametrize("name", [*PLANNERS, "InformedRRTstar", "SORRTstar"])
 @pytest.mark.parametrize("of", ["states", "motions"])
 @pytest.mark.parametrize("radius", [0.1, 50.0])
 def test_no_path_leads_through_what_the_objective_calls_nan(name, of, radius):
