@@ -8,15 +8,16 @@ import numpy as np
 
 from safe_ompl.common import InputError
 
-# Subpixels along each side of a pixel.
-SUBPIXELS = 2
-# How bright the empty floor is in a picture, in linear light.
-FLOOR_VALUE = 0.87
-
+# Subpixels along each side of a pixel, and in all.
 cdef enum:
     SIDE = 2
     EACH = 4
+# How bright the empty floor is in a picture, in linear light.
 cdef double FLOOR = 0.87
+
+SUBPIXELS = SIDE
+FLOOR_VALUE = FLOOR
+
 # Light from the floor on what looks down, and the highlight of glossy things.
 cdef double BOUNCE = 0.22
 cdef double GLOSS = 0.16
