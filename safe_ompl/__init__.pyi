@@ -59,6 +59,7 @@ from .planning import (
     plan as plan,
     planner_data as planner_data,
     repair as repair,
+    setup_scenario as setup_scenario,
     tradeoff as tradeoff,
 )
 from .planning.ompl import (

@@ -52,7 +52,7 @@ class StateBridge:
 
     It knows real vectors, SO(2), whose angles wrap at ±π, and compounds of these. `circular: (n,)` says which
     coordinates wrap; `lower` and `upper: (n,)` are their bounds. OMPL's `satisfiesBounds` takes finite coordinates
-    within `held: (2, n)`; `extent` is the length of the diagonal of the bounds, no side longer than one turn.
+    within `held: (2, n)`; `extent` is the length of the diagonal of the bounds.
     """
 
     def __init__(self, space: Any) -> None:
@@ -65,8 +65,7 @@ class StateBridge:
         self._sides: FloatArray = self.upper - self.lower
         free = np.where(self.circular, sys.float_info.max, sys.float_info.epsilon)
         self.held: FloatArray = np.array([self.lower - free, self.upper + free])
-        # More than one turn of a joint makes a space no larger to plan in.
-        self.extent = float(np.linalg.norm(np.minimum(self._sides, 2 * np.pi)))
+        self.extent = float(np.linalg.norm(self._sides))
         self._wraps = bool(self.circular.any())
         # OMPL's serialization of such a space is its coordinates in a row: reading and writing through one buffer costs
         # a tenth of going through Python lists. But the bindings promise nothing of the kind.

@@ -23,7 +23,7 @@ from ompl import base as ob, tools as ot
 from safe_ompl.apps.benchmark.campaign import Run, Value, lost, rounds, run_measures, run_planner
 from safe_ompl.common import InputError, files, in_order
 from safe_ompl.planning import PlanResult, SafeSetup
-from safe_ompl.planning.planners import check_usable, make_planner
+from safe_ompl.planning.planners import check_usable, make_planner, settings_of
 
 # In the order of ob.PlannerStatus, in its words; its own logs call the last three "Unknown status".
 _STATUSES = (
@@ -46,6 +46,7 @@ class PlannerRuns:
 
     name: str
     runs: list[Mapping[str, Value]] = field(default_factory=list)  # Measurements of each run by their names
+    settings: Mapping[str, Value] = field(default_factory=dict)  # Values of the planner's parameters by their names
 
 
 @dataclass
@@ -152,7 +153,10 @@ class Benchmark:
             planner = self._planner(self._sources[run.planner])
             return run_planner(self._setup, run, planner=planner, time=request.maxTime, simplify=request.simplify)
 
-        planners = {name: PlannerRuns(name) for name in self._sources}
+        planners = {
+            name: PlannerRuns(name, settings=settings_of(self._planner(source)))
+            for name, source in self._sources.items()
+        }
         self._experiment = experiment = Experiment(
             self._experiment.name, list(planners.values()), repr(self._setup), request.maxTime, request.runCount, seed
         )
@@ -202,7 +206,9 @@ def log_text(experiment: Experiment) -> str:
     ]
     for planner in experiment.planners:
         names = sorted({name for run in planner.runs for name in run})
-        lines += [planner.name, "0 common properties", f"{len(names)} properties for each run"]
+        lines += [planner.name, f"{len(planner.settings)} common properties"]
+        lines += [f"{key} = {_text(key, value)}" for key, value in planner.settings.items()]
+        lines.append(f"{len(names)} properties for each run")
         lines += [_column(name, [run.get(name) for run in planner.runs]) for name in names]
         lines.append(f"{len(planner.runs)} runs")
         lines += ["".join(f"{_text(name, run.get(name))}; " for name in names) for run in planner.runs]

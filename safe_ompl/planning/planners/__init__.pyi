@@ -13,6 +13,7 @@ from .registry import (
     planner_data as planner_data,
     planner_names as planner_names,
     seed_ompl as seed_ompl,
+    settings_of as settings_of,
     termination as termination,
 )
 from .rrt_connect import SafeRRTConnect as SafeRRTConnect

@@ -102,8 +102,9 @@ class UnansweredRequest:
             return ob.Planner.getPlannerData
         warn_once(
             _log,
-            f"{planner.getName()}: getPlannerData stays empty, as OMPL's bindings have no version of it in Python: "
-            "safe_ompl.planner_data(planner) and SafeSetup fill it",
+            f"{planner.getName()}: getPlannerData of the planner, of a plain SimpleSetup and of ompl.tools.Benchmark "
+            "stays empty, as OMPL's bindings have no version of it in Python: call safe_ompl.planner_data(planner), or "
+            "take SafeSetup and safe_ompl.Benchmark",
         )
         return ob.Planner.getPlannerData.__get__(planner)
 
@@ -156,7 +157,10 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._begin_anew()
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.getName()!r}, seed={self._seed})"
+        values = {name: getattr(self, name) for name in parameters_of(type(self))}
+        values["range"] = round(self.getRange(), 6)
+        shown = "".join(f", {name}={value!r}" for name, value in values.items())
+        return f"{type(self).__name__}({self.getName()!r}{shown}, seed={self._seed})"
 
     # ------------------------------------------------------------------------------------------- parameters
 
@@ -182,7 +186,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def getRange(self) -> float:
         """Return the largest length of one extension [rad]."""
-        return self.range or _RANGE_FRACTION * self._bridge.extent
+        return self.range or _RANGE_FRACTION * self._problem.extent
 
     # ------------------------------------------------------------------------------------------- life cycle
 

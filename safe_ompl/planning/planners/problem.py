@@ -49,6 +49,15 @@ class PlanningProblem:
             self._slope = self.cost.slope(self._si)
         return self._slope
 
+    @property
+    def extent(self) -> float:
+        """The length of the diagonal of the bounds [rad or m]; of a joint that turns no more than one turn counts."""
+        if self.robot is None:
+            return self.bridge.extent
+        sides = self.bridge.upper - self.bridge.lower
+        # More than one turn of a joint makes a space no larger to plan in.
+        return float(np.linalg.norm(np.where(self.robot.prismatic, sides, np.minimum(sides, 2 * np.pi))))
+
     def is_valid(self, q: FloatArray) -> bool:
         """Return whether `q: (n,)` is valid."""
         return bool(self._si.isValid(self._from.set(q)))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pkgutil import resolve_name
 from time import perf_counter
 from typing import Any
@@ -126,13 +127,30 @@ def check_planner(planner: Any, si: Any) -> None:
     check_usable(planner)
 
 
-def seed_ompl(seed: int) -> None:
-    """Seed OMPL's C++ planners, quietly: it complains of a second seed, though planners built later do follow it."""
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Within, OMPL writes no lines."""
     handler = ou.getOutputHandler()
     ou.noOutputHandler()
-    ou.RNG.setSeed(seed + 1)  # zero would mean "by the clock"
-    if handler is not None:
-        ou.useOutputHandler(handler)
+    try:
+        yield
+    finally:
+        if handler is not None:
+            ou.useOutputHandler(handler)
+
+
+def seed_ompl(seed: int) -> None:
+    """Seed OMPL's C++ planners, quietly: it complains of a second seed, though planners built later do follow it."""
+    with _quiet():
+        ou.RNG.setSeed(seed + 1)  # zero would mean "by the clock"
+
+
+def settings_of(planner: Any) -> dict[str, bool | int | float]:
+    """Return the parameters of a planner, ours or one of OMPL's, with the values that its getters give now."""
+    found = {key: getattr(planner, f"get{name}", None) for key, name in _settable(planner).items()}
+    with _quiet():  # BITstar complains when some of its getters are called
+        values = {key: getter() for key, getter in found.items() if getter is not None}
+    return {key: value for key, value in values.items() if isinstance(value, (bool, int, float))}
 
 
 def nodes_of(planner: Any) -> int:
@@ -181,13 +199,18 @@ def _refuse_others(name: str, given: Mapping[str, Any], fixed: Mapping[str, Any]
             raise InputError(f"parameter {key!r} of {name} is fixed to {value!r}, got {given[key]!r}")
 
 
+def _settable(planner: Any) -> dict[str, str]:
+    """Return the parameters of a planner: {"goal_bias": "GoalBias"} where it has `setGoalBias`."""
+    setters = {name[3:] for name in dir(type(planner)) if name.startswith("set") and name[3:4].isupper()}
+    others = {"Name", "ProblemDefinition", "Parameter", "Seed"}
+    return {re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower(): name for name in sorted(setters - others)}
+
+
 def _set_ompls(planner: Any, key: str, value: Any) -> None:
     """Set a parameter of one of OMPL's planners, where {"goal_bias": 0.1} means `setGoalBias(0.1)`."""
     setter = getattr(planner, f"set{camel_case(key)}", None)
     if setter is None:
-        setters = {n[3:] for n in dir(type(planner)) if n.startswith("set") and n[3:4].isupper()}
-        words = (re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower() for name in setters - {"Name", "ProblemDefinition"})
-        raise UnknownNameError(f"parameter of {planner.getName()}", key, sorted(words))
+        raise UnknownNameError(f"parameter of {planner.getName()}", key, sorted(_settable(planner)))
     try:
         setter(value)
     except TypeError:

@@ -244,7 +244,10 @@ def test_measurements_reach_the_database(setup, tmp_path):
     runs_of(benchmark, tmp_path)
     with sqlite3.connect(tmp_path / "b.db") as connection:
         rows = list(connection.execute("SELECT name, timelimit, runcount FROM experiments"))
+        settings = dict(connection.execute("SELECT name, settings FROM plannerConfigs"))
     assert rows == [("planar_arm", 20.0, 2)] * 2, "a second log adds to the database"
+    for planner, lines in {"eager": ["alpha = 2.0", "slide = 0.8"], "RRTConnect": ["intermediate_states = 0"]}.items():
+        assert set(lines) < {line.strip(";") for line in settings[planner].splitlines()}
 
 
 @pytest.mark.parametrize("workers", [1, 2])

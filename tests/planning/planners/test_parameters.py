@@ -10,7 +10,7 @@ from plane import PlaneProblem
 
 from safe_ompl import InputError, SafeRRTConnect, UnknownNameError, WorkspaceGoal, make_planner, planner_names
 from safe_ompl.apps.cli.arguments import parameter
-from safe_ompl.planning.planners import Parameter, SafePlanner, accepts, is_ours, needs_place
+from safe_ompl.planning.planners import Parameter, SafePlanner, accepts, is_ours, needs_place, settings_of
 from safe_ompl.planning.planners.base import camel_case, parameters_of
 
 OURS = [name for name in planner_names() if is_ours(name)]
@@ -99,6 +99,8 @@ def test_every_parameter_is_described_as_it_is_and_has_ompls_methods(si, name):
         value = {bool: not before, int: before + 1, float: before / 2 + 0.25}[type(before)]
         getattr(planner, f"set{camel_case(key)}")(value)
         assert getattr(planner, key) == getattr(planner, f"get{camel_case(key)}")() == value != before
+        assert f", {key}={value!r}" in repr(planner)
+        assert settings_of(planner)[key] == value
 
 
 @pytest.mark.parametrize("name", ["SafeRRTConnect", "SafePRM", "SafeJTRRT", "BubblePlanner"])

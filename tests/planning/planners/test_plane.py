@@ -22,7 +22,7 @@ from plane import (
     walled_in,
 )
 
-from safe_ompl import InputError, SafePRM, SafeRRTConnect
+from safe_ompl import InputError, SafePRM, SafeRRTConnect, SafeSetup, Scene
 from safe_ompl.planning.planners import seed_ompl
 from safe_ompl.planning.planners.printed import PaperSafePRM, PaperSafeRRTConnect
 
@@ -77,6 +77,26 @@ def test_a_wall_with_a_gap(problem, objective, alpha):
     inside = [point for point in dense(task.path) if wall_with_a_gap(*point)]
     assert all(min(abs(abs(x) - 0.1), abs(y - 0.55), abs(y - 0.75)) < 0.02 for x, y in inside)
     assert task.planner.counts.nodes > 2
+
+
+def test_a_map_in_other_units_takes_as_many_steps(kind, ur5):
+    found = {}
+    for size in (1.0, 1000.0):
+        space = ob.RealVectorStateSpace(2)
+        space.setBounds(0, size)
+        setup = og.SimpleSetup(space)
+        setup.setStateValidityChecker(lambda state, s=size: bool(state[1] > 0.8 * s or not 0.4 < state[0] / s < 0.6))
+        space.setup()
+        setup.setStartAndGoalStates(*(state_at(space, [share * size, 0.1 * size]) for share in (0.1, 0.9)))
+        planner = kind(setup.getSpaceInformation())
+        planner.setSeed(1)
+        setup.setPlanner(planner)
+        assert setup.solve(10.0).getStatus() == EXACT
+        found[size] = planner.getRange() / size, planner.counts.nodes
+    assert found[1.0] == (pytest.approx(0.075 * 2**0.5), found[1000.0][1]) == found[1000.0]
+    # A joint that may turn by more than one turn counts as one that turns once.
+    arm = kind(SafeSetup(ur5, Scene(())).getSpaceInformation())
+    assert arm.getRange() == pytest.approx(0.075 * np.linalg.norm(np.minimum(ur5.upper - ur5.lower, 2 * np.pi)))
 
 
 def test_a_goal_that_cannot_be_reached_takes_its_time_and_no_more(problem):

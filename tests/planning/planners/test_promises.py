@@ -259,7 +259,7 @@ def test_where_ompl_asks_in_vain_one_warning_says_so(planar3, caplog):
         assert data.numVertices() == 0
     planner.getPlannerData(data)
     assert [record.levelname for record in caplog.records] == ["WARNING"]
-    assert "safe_ompl.planner_data(planner)" in caplog.text
+    assert "call safe_ompl.planner_data(planner), or take SafeSetup and safe_ompl.Benchmark" in caplog.text
 
 
 # --------------------------------------------------------------------------- clearance of all obstacles, and danger
