@@ -92,8 +92,8 @@ GROUP = np.dtype(
         ("radius", np.float64),
         # Where the balls about these obstacles begin.
         ("lane", np.intp),
-        # How many groups from here on are a run: of one body, and far away if the ball of the run is; and how many there
-        # are back to the first of a run, this one the last. Elsewhere both are 1.
+        # How many groups from here on are a run: of one body, and far away if the ball of the run is; and how many
+        # there are back to the first of a run, this one the last. Elsewhere both are 1.
         ("on", np.intp),
         ("back", np.intp),
         ("around", np.float64, (3,)),
@@ -582,7 +582,9 @@ cdef inline double _lower_bound(
     return lower if lower == lower else -INFINITY
 
 
-cdef inline bint _is_far(const double *centre, double radius, const Body *body, const Pose *pose, double enough) noexcept nogil:
+cdef inline bint _is_far(
+    const double *centre, double radius, const Body *body, const Pose *pose, double enough
+) noexcept nogil:
     """Return whether a ball is at least `enough` [m] away from that about a body."""
     cdef double x = pose.centre[0] - centre[0], y = pose.centre[1] - centre[1], z = pose.centre[2] - centre[2]
     cdef double apart = enough + body.reach + radius
@@ -785,7 +787,7 @@ cdef int check_near(
     JointTable joints, Py_ssize_t B, const Py_ssize_t[::1] carriers, const double[:, ::1] near,
     const double[:, ::1] hinges,
 ) except -1:
-    """Raise InputError if near pairs are not of B configurations, of pairs with carriers, or these not of the joints."""
+    """Raise InputError unless near pairs are of B configurations and of pairs that joints of the robot carry."""
     cdef Py_ssize_t c
     if near.shape[1] != 10 or hinges.shape[1] != 2:
         raise InputError("near pairs must have 10 columns, and hinges 2")

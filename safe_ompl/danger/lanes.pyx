@@ -51,8 +51,8 @@ cdef struct Frames:
 
 
 # Points, one in each lane, and the skeletons they are seen from: of which lane the skeleton is, and which of the points
-# it is, (W,); fields there (W,); key points of the skeletons (K, 3, W) and lengths of links (L, W); rays from key points
-# to the points (K, 3, W), and distances (K, W); and room.
+# it is, (W,); fields there (W,); key points of the skeletons (K, 3, W) and lengths of links (L, W); rays from key
+# points to the points (K, 3, W), and distances (K, W); and room.
 cdef struct Rays:
     Py_ssize_t *skeleton
     Py_ssize_t *which

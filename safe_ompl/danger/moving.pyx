@@ -92,7 +92,9 @@ cdef GradientTerms _gradient_terms(double length, double S, double half) noexcep
     return GradientTerms(phi, c, 2.0 * total / (S * S * S))
 
 
-cdef void _kappa_slopes(double length, double S, double c, double kappa, double *by_S, double *by_length) noexcept nogil:
+cdef void _kappa_slopes(
+    double length, double S, double c, double kappa, double *by_S, double *by_length
+) noexcept nogil:
     """Write ∂κ/∂S and ∂κ/∂ℓ; for short links by the series (2/S³) Σ_k 2k(k − 1)/(2k + 1) y^(k−2)."""
     cdef double y = length / S, squared = length * length, slope = 0.0, power = 1.0
     cdef int k

@@ -61,14 +61,14 @@ cdef struct Points:
 cdef struct LaneFunctions:
     # Bytes of working memory of `potentials`, for so many key points.
     Py_ssize_t (*block_size)(Py_ssize_t) noexcept nogil
-    # Write the field at `columns[:, begin:end]` of columns (3, `stride`): of each link into levels (L, `room`), or their
-    # sum into one row.
+    # Write the field at `columns[:, begin:end]` of columns (3, `stride`): of each link into levels (L, `room`), or
+    # their sum into one row.
     void (*potentials)(
         const double *places, const Skeleton *skeleton, const double *columns, Py_ssize_t stride, Py_ssize_t begin,
         Py_ssize_t end, double *levels, Py_ssize_t room, bint summed, void *memory,
     ) noexcept nogil
-    # Write the highest level (B,) at `values: (B, m)`, its gradients (B, m) unless NULL, and, unless `high` is NULL, the
-    # levels (M,) of points that are a share of the highest one at some configuration, and `least`. −1: no memory.
+    # Write the highest level (B,) at `values: (B, m)`, its gradients (B, m) unless NULL, and, unless `high` is NULL,
+    # the levels (M,) of points that are a share of the highest one at some configuration, and `least`. −1: no memory.
     int (*highest)(
         const Skeleton *skeleton, const double *values, Py_ssize_t B, const Points *points, double *gradients,
         double share, double least, double *high, double *out,

@@ -206,7 +206,7 @@ cdef class PointDanger:
         return found
 
     def high_levels(self, values, double least):
-        """Return the levels (C,) of points at `values: (1, m)` that are at least `least`, and their gradients (C, m)."""
+        """Return the levels (C,) of points that are at least `least` at `values: (1, m)`, and gradients (C, m)."""
         high = self.high(values, 0.0, least)
         rows = np.flatnonzero(high > 0.0)
         gradients = np.zeros((len(rows), values.shape[1]))
@@ -383,9 +383,9 @@ def chords(
 
     `first` and `last` are fields and distances (2, L, M) at the interval's ends. Segments l whose points move smoothly
     for a time h, none faster than V (L,) or with more acceleration than A (L,), have the unit-weighted fields
-    u = ∫₀¹ dτ/ρ_τ at a point p. They are multiplied by 1, or at least by their lengths (L,). Of two bounds of each u the
-    lower one is taken. Seen from the nearer end no point moves farther than δ = Vh/2, so u ≤ U = max u·D/(D − δ) over
-    both ends (`segment_bounds`): a level line. And along a curve 1/ρ has the second derivative
+    u = ∫₀¹ dτ/ρ_τ at a point p. They are multiplied by 1, or at least by their lengths (L,). Of two bounds of each u
+    the lower one is taken. Seen from the nearer end no point moves farther than δ = Vh/2, so u ≤ U = max u·D/(D − δ)
+    over both ends (`segment_bounds`): a level line. And along a curve 1/ρ has the second derivative
     vᵀ∇²(1/ρ)v + ∇(1/ρ)·a ≥ −v²/ρ³ − a/ρ², for ∇²(1/ρ) has the eigenvalues 2/ρ³ and −1/ρ³. As ρ never falls below
     D̲ = (D₁ + D₂ − Vh)/2, u'' ≥ −U(V²/D̲² + A/D̲), and u stays below the chord from u₁ to u₂ raised by
 

@@ -129,6 +129,16 @@ cdef Shares _meets(
     return Shares(u, min(max(v / determinant, 0.0), 1.0 - u))
 
 
+cdef inline double _interpolate(
+    const double[:, ::1] values, const Py_ssize_t *corners, Py_ssize_t column, Shares at
+) noexcept nogil:
+    """Return a column of values of vertices at a point of the triangle of three corners."""
+    return (
+        (1.0 - at.u - at.v) * values[corners[0], column] + at.u * values[corners[1], column]
+        + at.v * values[corners[2], column]
+    )
+
+
 def interpolated(
     const double[:, ::1] vertices, const Py_ssize_t[:, ::1] corners, const double[:, ::1] values,
     const double[::1] eye, const double[:, ::1] rays,
@@ -144,18 +154,15 @@ def interpolated(
     for p in range(P):
         at = _meets(vertices, &corners[p, 0], &eye[0], &rays[p, 0])
         for c in range(C):
-            out[p, c] = (
-                (1.0 - at.u - at.v) * values[corners[p, 0], c] + at.u * values[corners[p, 1], c]
-                + at.v * values[corners[p, 2], c]
-            )
+            out[p, c] = _interpolate(values, &corners[p, 0], c, at)
     return found
 
 
 class Painted(NamedTuple):
     """Triangles of several things.
 
-    Vertices (V, 3) [m] and their normals (V, 3); faces (F, 3), and which thing each is of, (F,); of each thing its linear
-    RGB, and 1 if it is glossy, or 0, (T, 4).
+    Vertices (V, 3) [m] and their normals (V, 3); faces (F, 3), and which thing each is of, (F,); of each thing its
+    linear RGB, and 1 if it is glossy, or 0, (T, 4).
     """
 
     vertices: object
@@ -213,7 +220,7 @@ cdef class Shading:
             raise InputError("there must be a slant and a square shadow map for each light")
         if self.slants.shape[1] != 2 or self.lights.shape[1] != 4 or self.on_floor.shape[0] != self.on_floor.shape[1]:
             raise InputError("lights must have four numbers, slants two, and the floor's light must be a square")
-        if self.eye.shape[0] != 3 or self.key.shape[0] != 3 or np.shape(view.axes) != (3, 3) or self.corner.shape[0] != 2:
+        if (self.eye.shape[0], self.key.shape[0], *np.shape(view.axes), self.corner.shape[0]) != (3, 3, 3, 3, 2):
             raise InputError("eye, axes and key light must be of three dimensions")
 
     def picture(self, const int[:, ::1] faces, const double[:, ::1] floor_nearness):
@@ -258,7 +265,9 @@ cdef class Shading:
                                 depth = 1.0
                                 if floor_nearness[i, j] > 0.0:
                                     depth = 1.0 / floor_nearness[i, j]
-                                    depth = self._light_on_floor(self.eye[0] + depth * ray[0], self.eye[1] + depth * ray[1])
+                                    depth = self._light_on_floor(
+                                        self.eye[0] + depth * ray[0], self.eye[1] + depth * ray[1]
+                                    )
                                 for k in range(3):
                                     colours[s][k] = FLOOR * depth
                         for k in range(3):
@@ -282,16 +291,17 @@ cdef class Shading:
 
     cdef void _shade(self, Py_ssize_t face, const double *ray, double *colour) noexcept nogil:
         """Write the colour (3,) of a triangle where a ray meets it."""
-        cdef Py_ssize_t a = self.faces[face, 0], b = self.faces[face, 1], c = self.faces[face, 2], k
-        cdef Shares at = _meets(self.vertices, &self.faces[face, 0], &self.eye[0], ray)
+        cdef const Py_ssize_t *corners = &self.faces[face, 0]
+        cdef Py_ssize_t k
+        cdef Shares at = _meets(self.vertices, corners, &self.eye[0], ray)
         cdef const double *paint = &self.paint[self.owners[face], 0]
         cdef double place[3]
         cdef double normal[3]
         cdef double to_eye[3]
         cdef double towards, brightness, seen = 0.0, facing
         for k in range(3):
-            place[k] = (1.0 - at.u - at.v) * self.vertices[a, k] + at.u * self.vertices[b, k] + at.v * self.vertices[c, k]
-            normal[k] = (1.0 - at.u - at.v) * self.normals[a, k] + at.u * self.normals[b, k] + at.v * self.normals[c, k]
+            place[k] = _interpolate(self.vertices, corners, k, at)
+            normal[k] = _interpolate(self.normals, corners, k, at)
             to_eye[k] = self.eye[k] - place[k]
         _scale(to_eye, 1.0)
         towards = normal[0] * to_eye[0] + normal[1] * to_eye[1] + normal[2] * to_eye[2]

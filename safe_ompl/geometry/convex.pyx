@@ -293,9 +293,9 @@ cdef Bounds _convex_bounds(
     cdef double balls = bodies.body[a].ball + bodies.body[b].ball, tight = EXACT if exact else TIGHT
     cdef double lower = -INFINITY, upper = INFINITY, bound, between, u, v, w
     cdef Vector axis = Vector(search.axis[0], search.axis[1], search.axis[2]), p, q
-    cdef int corners = 0, step
+    cdef int corners = 0, _
     cdef double *row
-    for step in range(STEPS):
+    for _ in range(STEPS):
         p = support(bodies, a, -axis.x, -axis.y, -axis.z)
         q = support(bodies, b, axis.x, axis.y, axis.z)
         u, v, w = p.x - q.x, p.y - q.y, p.z - q.z
@@ -616,26 +616,3 @@ cdef inline bint _beats(const double[:, ::1] heights, Py_ssize_t k, Py_ssize_t o
         and heights[k, 2] >= heights[other, 2]
         and heights[k, 3] >= heights[other, 3]
     )
-
-
-def nearest_point(const double[:, ::1] corners):
-    """Return the point (3,) of the hull of up to four corners that is nearest to the origin, and those it lies between.
-
-    These are the fewest corners, (K, 3).
-    """
-    cdef double simplex[4][EDGES]
-    cdef Vector found
-    cdef int kept
-    cdef Py_ssize_t k, x
-    if not 1 <= corners.shape[0] <= 4 or corners.shape[1] != 3:
-        raise InputError("a simplex has one to four corners (K, 3)")
-    for k in range(corners.shape[0]):
-        for x in range(3):
-            simplex[k][x], simplex[k][3 + x] = corners[k, x], 0.0
-    kept = nearest_in_simplex(simplex, corners.shape[0], &found)
-    return np.array([found.x, found.y, found.z]), np.array([[simplex[k][x] for x in range(3)] for k in range(kept)])
-
-
-def direction_cell(double x, double y, double z, Py_ssize_t grid):
-    """Return the cell of a direction, whose list of `extreme_vertices` has the extreme one; 0 where there is no grid."""
-    return cell_of(x, y, z, grid)

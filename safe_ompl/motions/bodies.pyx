@@ -96,8 +96,8 @@ def acceleration_bounds(
 ):
     """Return bounds (N, G) of ‖x″‖ of every point of G bodies along a curve, by arc length; see `BodySpeeds`.
 
-    R̄ of the m joints of the model are `radii: (G, m)`, `turned` says which of them turn each body; `steps` and `bends`,
-    (N, m), are bounds of their |q′| and |q″|.
+    R̄ of the m joints of the model are `radii: (G, m)`, `turned` says which of them turn each body; `steps` and
+    `bends`, (N, m), are bounds of their |q′| and |q″|.
     """
     cdef const unsigned char[:, ::1] turns = np.ascontiguousarray(turned, dtype=np.bool_).view(np.uint8)
     cdef Py_ssize_t N = steps.shape[0], m = steps.shape[1], G = radii.shape[0], k, g, j
@@ -303,7 +303,7 @@ cdef class LimbArrivals:
                 place_moving(placed.body, self.shapes.count, placed.pose, rotation, rotation + 9 * m)
                 first, leader = INFINITY, earliest
                 for turn in range(M):
-                    # The limb that was first in the cell before is looked at first: the others need coarser bounds then.
+                    # The limb that was first in the cell before comes first, so that coarser bounds do for the others.
                     limb = leader if turn == 0 else (turn - 1 if turn <= leader else turn)
                     before = nearest[max(row - 1, 0), limb]
                     for look in range(B):

@@ -59,7 +59,7 @@ def stopping_speeds(
     Last comes whether (N,) u bounds it, rather than τ: `times` and `harmless`, (N, M) each. Of cells `brakes` are b,
     `caps` what ṡ keeps to for other reasons, `ends` the cells behind which the robot next stops in any case.
     """
-    cdef Py_ssize_t N = times.shape[0], M = times.shape[1], j, k, m, halving
+    cdef Py_ssize_t N = times.shape[0], M = times.shape[1], j, k, m, _
     cdef double room, brake, gone, latest, limit, square, good, bad, middle
     _check_rows("sizes", sizes.shape[0], N)
     _check_rows("brakes", brakes.shape[0], N)
@@ -108,7 +108,7 @@ def stopping_speeds(
                     if limit > 0:
                         if _stopping_time(bad * bad, j, N, &sizes[0], &brakes[0]) <= limit:
                             continue
-                        for halving in range(LIMIT_HALVINGS):
+                        for _ in range(LIMIT_HALVINGS):
                             middle = 0.5 * (good + bad)
                             if _stopping_time(middle * middle, j, N, &sizes[0], &brakes[0]) <= limit:
                                 good = middle
@@ -222,7 +222,7 @@ def fastest(const double[::1] sizes, boxes, const double[::1] limits, const doub
     How long the interval of x_(j+1) is, negative where there is none, is a concave function of x_j that is made of
     lines. So Newton's method comes down to K_j, and ends there.
     """
-    cdef Py_ssize_t N = sizes.shape[0], j, step
+    cdef Py_ssize_t N = sizes.shape[0], j, _
     cdef Derivatives derivatives
     cdef Range next_x
     cdef double lack
@@ -233,7 +233,7 @@ def fastest(const double[::1] sizes, boxes, const double[::1] limits, const doub
     cdef double[::1] reach = reached
     with nogil:
         for j in range(N - 1, -1, -1):
-            for step in range(NEWTON_STEPS):
+            for _ in range(NEWTON_STEPS):
                 next_x = _next_range(reach[j], sizes[j], &derivatives, j, &limits[0], reach[j + 1], 0.0)
                 if next_x.low <= next_x.high:
                     break

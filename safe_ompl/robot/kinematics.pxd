@@ -165,7 +165,9 @@ cdef inline double bounded(double value, double lower, double upper, bint wraps)
     return min(max(value, lower), upper)
 
 
-cdef inline bint all_within(const double *values, Py_ssize_t n, const double *lower, const double *upper) noexcept nogil:
+cdef inline bint all_within(
+    const double *values, Py_ssize_t n, const double *lower, const double *upper
+) noexcept nogil:
     """Return whether all values (n,) lie within their bounds; NaN never does."""
     cdef Py_ssize_t i
     for i in range(n):

@@ -406,7 +406,8 @@ cdef bint edge_between(EdgeTable table, const double *start, const double *end, 
     """
     cdef Py_ssize_t n = table.n, j, i
     cdef const double *row
-    if not (all_within(start, n, table.limits, table.limits + n) and all_within(end, n, table.limits, table.limits + n)):
+    cdef const double *upper = table.limits + n
+    if not (all_within(start, n, table.limits, upper) and all_within(end, n, table.limits, upper)):
         return False
     for j in range(table.m):
         row = table.couplings + 4 * j

@@ -1,11 +1,21 @@
-"""The nearest point of a simplex against quadratic programming by brute force."""
+"""Distances of simplices against quadratic programming by brute force, and extreme vertices by lists."""
 
 from itertools import combinations
 
 import numpy as np
 import pytest
 
-from safe_ompl.geometry.convex import direction_cell, extreme_vertices, nearest_point
+from safe_ompl.geometry.convex import BODY, NODE, ShapeTable, extreme_vertices
+
+
+def hull(vertices, grid=0):
+    """Return the table of two bodies: the hull of vertices (V, 3), and the origin."""
+    bodies = np.zeros(2, BODY)
+    bodies["rotation"] = np.eye(3)
+    bodies["first_cell"], bodies["grid"] = (1, 0), (grid, 0)
+    starts, listed = extreme_vertices(vertices, grid) if grid else ([0, len(vertices)], np.arange(len(vertices)))
+    lists = np.concatenate([np.zeros((1, 3)), vertices[listed]])
+    return ShapeTable(bodies, np.append(0, 1 + np.asarray(starts, dtype=np.intp)), lists, np.zeros(0, NODE))
 
 
 def nearest(corners):
@@ -25,16 +35,17 @@ def nearest(corners):
 
 @pytest.mark.parametrize("corners", [1, 2, 3, 4])
 @pytest.mark.parametrize("away", [0.0, 0.5, 2.0])
-def test_the_nearest_point(rng, corners, away):
-    between = set()
+def test_bounds_of_the_distance_of_a_simplex(rng, corners, away):
     for _ in range(300):
-        given = rng.normal((away, 0.0, 0.0), size=(corners, 3))
-        point, kept = nearest_point(given)
-        np.testing.assert_allclose(point, nearest(given), atol=1e-10)
-        np.testing.assert_allclose(point, nearest(kept), atol=1e-10)
-        assert all(any((row == corner).all() for corner in given) for row in kept)
-        between.add(len(kept))
-    assert len(between) > 1 or corners == 1
+        simplex = rng.normal((away, 0.0, 0.0), size=(corners, 3))
+        distance = np.linalg.norm(nearest(simplex))
+        lower, upper = hull(simplex).distance_bounds(0, 1, simplex[0], np.inf, -np.inf)
+        assert lower <= distance + 1e-10
+        if distance > 1e-10:
+            assert lower >= 0.9 * distance
+            assert upper >= distance - 1e-10
+        else:
+            assert upper == -np.inf
 
 
 @pytest.mark.parametrize(
@@ -47,7 +58,13 @@ def test_the_nearest_point(rng, corners, away):
     ],
 )
 def test_simplices_about_the_origin_and_flat_ones(simplex, point):
-    np.testing.assert_allclose(nearest_point(np.array(simplex, dtype=float))[0], point, atol=1e-15)
+    lower, upper = hull(np.array(simplex, dtype=float)).distance_bounds(0, 1, (0.3, 0.2, 1.0), np.inf, -np.inf)
+    np.testing.assert_allclose(nearest(simplex), point, atol=1e-15)
+    if any(point):
+        assert 0.9 <= lower <= 1.0 <= upper <= lower / 0.9
+    else:
+        assert lower <= 0.0
+        assert upper == -np.inf
 
 
 # ---------------------------------------------------------------------------- lists of vertices that may be extreme
@@ -57,15 +74,7 @@ def test_simplices_about_the_origin_and_flat_ones(simplex, point):
 @pytest.mark.parametrize("number", [1, 5, 200])
 def test_the_extreme_vertex_is_in_the_list_of_its_cell(rng, number, grid):
     vertices = rng.normal(size=(number, 3)) * [0.5, 0.1, 0.02] + [0.3, 0.0, -0.1]
-    starts, found = extreme_vertices(vertices, grid)
-    assert len(starts) == 6 * grid**2 + 1
+    table = hull(vertices, grid)
     on_borders = np.array(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3)).reshape(3, -1).T
     for direction in (*rng.normal(size=(1000, 3)), *on_borders):
-        cell = direction_cell(*direction, grid)
-        listed = found[starts[cell] : starts[cell + 1]]
-        assert (vertices[listed] @ direction).max() >= (vertices @ direction).max() - 1e-15
-
-
-def test_without_a_grid_there_is_one_cell():
-    assert direction_cell(0.1, -0.2, 0.3, 0) == 0
-    assert direction_cell(0.0, 0.0, 0.0, 4) == 0
+        assert table.support(0, direction) @ direction >= (vertices @ direction).max() - 1e-15

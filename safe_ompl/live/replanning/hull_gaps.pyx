@@ -65,8 +65,8 @@ cdef double hull_gap(
     """
     cdef double z0 = start[0], z1 = start[1], z2 = start[2], best = 0.0
     cdef double squared, length, least, most, along, d0, d1, d2, across, step
-    cdef Py_ssize_t k, i, j, turn
-    for turn in range(STEPS):
+    cdef Py_ssize_t k, i, j, _
+    for _ in range(STEPS):
         squared = z0 * z0 + z1 * z1 + z2 * z2
         length = sqrt(squared)
         if length <= close or (decide and length < wanted) or length - best <= close:

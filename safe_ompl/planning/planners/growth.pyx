@@ -10,9 +10,9 @@
             SWAP(Q₁, Q₂)
         return Failure
 
-`Growth._safe_rrt_connect` is that loop; `SafeRRTConnect` says where it differs, and why. It runs without the GIL. Python
-is called where a `Growth` asks it: for the clock, for goals, and for what bounds of distances and the package's own
-danger field do not decide, such as a user's motion validator or objective. What such a call raises ends the loop.
+`Growth._safe_rrt_connect` is that loop; `SafeRRTConnect` says where it differs, and why. It runs without the GIL.
+Python is called where a `Growth` asks it: for the clock, for goals, and for what bounds of distances and the package's
+own danger field do not decide, such as a user's motion validator or objective. What such a call raises ends the loop.
 
 Trees are structs with room for more nodes. A `Tree` owns one, and shows it to Python.
 """
@@ -92,9 +92,9 @@ class TimeIsUpError(Exception):
     """Ends the loop when its termination condition says so."""
 
 
-# A k-d tree; see `_nearest`. A cell is divided by a coordinate into two, those of nodes that are not beyond the `cut` and
-# of those that are. A cell whose nodes are all at one place is divided by their numbers, as if they were coordinate n.
-# `group` and `lane` are where a cell stands; −1 if only cells that it is divided into do.
+# A k-d tree; see `_nearest`. A cell is divided by a coordinate into two, those of nodes that are not beyond the `cut`
+# and of those that are. A cell whose nodes are all at one place is divided by their numbers, as if they were coordinate
+# n. `group` and `lane` are where a cell stands; −1 if only cells that it is divided into do.
 cdef struct Cell:
     Py_ssize_t less
     Py_ssize_t more
@@ -104,8 +104,8 @@ cdef struct Cell:
     Py_ssize_t lane
 
 
-# The cells that one cell is divided into by some cuts. `below` a cell is another group, which divides it further, or its
-# leaf k as −1 − k.
+# The cells that one cell is divided into by some cuts. `below` a cell is another group, which divides it further, or
+# its leaf k as −1 − k.
 cdef struct Group:
     Py_ssize_t size
     Py_ssize_t cells[SIZE]
@@ -123,9 +123,9 @@ cdef struct Waiting:
     double bound
 
 
-# `boxes: (groups, 2n + 1, SIZE)` are the least and the greatest coordinates in cells, and the least cost; `places: (leaves,
-# n + 1, SIZE)` the coordinates and costs of nodes, rounded down. Costs are ∞ until they are known, which those of
-# `priced` nodes are. There is one cell less than twice as many as leaves. `depth` is the most groups above a leaf.
+# `boxes: (groups, 2n + 1, SIZE)` are the least and the greatest coordinates in cells, and the least cost; `places:
+# (leaves, n + 1, SIZE)` the coordinates and costs of nodes, rounded down. Costs are ∞ until they are known, which those
+# of `priced` nodes are. There is one cell less than twice as many as leaves. `depth` is the most groups above a leaf.
 cdef struct BoxTree:
     Py_ssize_t count
     Py_ssize_t priced
@@ -712,7 +712,9 @@ cdef class Growth:
             self.required, self.kept, self.floor = np.empty(len(self.least)), -1.0, motion.floor
             pairs, joints = self.bounds.pairs.count, self.bounds.pairs.m
             if (len(self.least), len(self.meets), self.limits.m, self.limits.n) != (pairs, pairs, joints, self.space.n):
-                raise InputError(f"proofs must be of {pairs} pairs, {joints} joints of the model and {self.space.n} planned")
+                raise InputError(
+                    f"proofs must be of {pairs} pairs, {joints} joints of the model and {self.space.n} planned"
+                )
             self.work, self.counts, self.required_by = self.bounds.workspace(), motion.checker.counts, required
         return not motion.limits and self.bounds.bounded and changes.begun == done
 
@@ -912,11 +914,11 @@ def branch(parents, node):
 
 # ----------------------------------------------------------------------------------------------- the nearest of nodes
 #
-# Few nodes are scanned. Many are divided among leaves by a k-d tree: a full leaf in the middle of the longest side of its
-# box. Every cell knows the box of its nodes and their least cost, so that a search leaves out cells that can hold no
-# better node. In a large tree a search mostly waits for memory. So the boxes of up to 16 cells stand together in a group,
-# as the nodes of a leaf do, coordinate by coordinate, for processors to compute by lanes; and single precision bounds
-# what is computed exactly where it counts. Groups are to cells what the nodes of a B-tree are to keys.
+# Few nodes are scanned. Many are divided among leaves by a k-d tree: a full leaf in the middle of the longest side of
+# its box. Every cell knows the box of its nodes and their least cost, so that a search leaves out cells that can hold
+# no better node. In a large tree a search mostly waits for memory. So the boxes of up to 16 cells stand together in a
+# group, as the nodes of a leaf do, coordinate by coordinate, for processors to compute by lanes; and single precision
+# bounds what is computed exactly where it counts. Groups are to cells what the nodes of a B-tree are to keys.
 
 
 cdef Py_ssize_t _nearest(Nodes *tree, const double *q, double alpha) except -1 nogil:
@@ -993,8 +995,8 @@ cdef void _write_bounds(
 ) noexcept nogil:
     """Write lower bounds (SIZE,) of ρ + α·cost of what is in some boxes.
 
-    The greatest coordinates are `far` rows after the least ones: n of the boxes of a group; none of the nodes of a leaf,
-    which are rounded by a relative `ulp` at most. What is written in lanes that are not filled means nothing.
+    The greatest coordinates are `far` rows after the least ones: n of the boxes of a group; none of the nodes of a
+    leaf, which are rounded by a relative `ulp` at most. What is written in lanes that are not filled means nothing.
     """
     cdef Py_ssize_t i, lane
     cdef const float *lows

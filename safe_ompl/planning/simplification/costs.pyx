@@ -168,7 +168,7 @@ cdef class DangerTerms:
 
         Of edges to earlier way points, and of those that are not `wanted: (N, N)`, it is ∞.
         """
-        cdef Py_ssize_t N = path.shape[0], n = path.shape[1], a, b, i, s, total = 0, number
+        cdef Py_ssize_t N = path.shape[0], n = path.shape[1], a, b, i, s, _, total = 0, number
         cdef const unsigned char[:, ::1] asked = np.ascontiguousarray(wanted, dtype=np.bool_).view(np.uint8)
         cdef const unsigned char[::1] wraps = np.ascontiguousarray(continuous, dtype=np.bool_).view(np.uint8)
         cdef double squares, step
@@ -192,7 +192,8 @@ cdef class DangerTerms:
                 numbers[a, b] = number = <Py_ssize_t> step
                 for s in range(number):
                     for i in range(n):
-                        samples[total, i] = path[a, i] + (s + 0.5) / number * difference(path[a, i], path[b, i], wraps[i])
+                        step = difference(path[a, i], path[b, i], wraps[i])
+                        samples[total, i] = path[a, i] + (s + 0.5) / number * step
                     total += 1
         memory = np.empty(total * (self.m + 1) + 1)
         cdef double[::1] danger = memory
@@ -202,7 +203,7 @@ cdef class DangerTerms:
             for a in range(N):
                 for b in range(a + 1, N):
                     squares = 0.0
-                    for i in range(numbers[a, b]):
+                    for _ in range(numbers[a, b]):
                         squares += danger[s] * danger[s]
                         s += 1
                     costs[a, b] *= 1.0 + self.weight * squares / max(<Py_ssize_t> 1, numbers[a, b])
@@ -360,8 +361,10 @@ cdef class Densities:
             _add_curvature(self, at, &vector[0, 0], &bend[0], &block[0, 0, 0], &side[0, 0, 0])
         return QuadraticModel(at.value, at.near, at.gradient, blocks, beside)
 
-    def retreat_step(self, const double[:, ::1] Q, double reference, double excess_weight, double onset, double longest):
-        """Return what `Q: (1, n)` costs, the danger with which it is compared, 0: its own, and the best step from there.
+    def retreat_step(
+        self, const double[:, ::1] Q, double reference, double excess_weight, double onset, double longest
+    ):
+        """Return the cost of `Q: (1, n)`, the danger to which it is compared (0: its own), and the best step from Q.
 
         The cost is that of obstacles, and of danger w Σ_m (CDF(p_m)/reference − onset)₊². The step is no longer than
         `longest` [rad].
@@ -497,7 +500,7 @@ def bounded_step(const double[::1] gradient, const double[:, ::1] vectors, doubl
     It is −(H + λ1)⁻¹g with the least λ ≥ 0 that makes it short enough, which Newton's method on 1/‖s(λ)‖ finds from
     below in a few steps (Moré & Sorensen 1983).
     """
-    cdef Py_ssize_t n = gradient.shape[0], i, j, k, c, trial
+    cdef Py_ssize_t n = gradient.shape[0], i, j, k, c, _
     cdef double curvature = 0.0, slope = 0.0, shift, rest, length, square
     hessian, factor, found, other = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.empty(n)
     cdef double[:, ::1] H = hessian
@@ -510,7 +513,7 @@ def bounded_step(const double[::1] gradient, const double[:, ::1] vectors, doubl
                 H[i, j] += vectors[c, i] * vectors[c, j]
         curvature, slope = curvature + H[i, i], slope + gradient[i] * gradient[i]
     shift = FLAT * max(curvature, sqrt(slope))
-    for trial in range(NEWTON_STEPS if slope > 0.0 else 0):
+    for _ in range(NEWTON_STEPS if slope > 0.0 else 0):
         for i in range(n):
             for j in range(i + 1):
                 rest = H[i, j] + (shift if i == j else 0.0)
@@ -551,8 +554,8 @@ cdef enum:
     IDLE_STEPS = 2
     # Steps between two looks at the clock.
     AT_ONCE = 4
-# A step must bring this share of the fall that the gradient promises (Armijo). A step may be longer than the last one by
-# the factor GROWTH; one that fails is shortened to between SHORTEST and LONGEST of it.
+# A step must bring this share of the fall that the gradient promises (Armijo). A step may be longer than the last one
+# by the factor GROWTH; one that fails is shortened to between SHORTEST and LONGEST of it.
 cdef double SUFFICIENT = 1e-4
 cdef double GROWTH = 2.0
 cdef double SHORTEST = 0.1
@@ -662,14 +665,14 @@ cdef class Walk:
     cdef int _take_steps(self, Py_ssize_t most, double largest, double idle) except -1 nogil:
         """Take so many steps; return whether more are not worthwhile."""
         cdef double before, slope, longest, size, bend, share
-        cdef Py_ssize_t step, trial
+        cdef Py_ssize_t _
         cdef bint lowered
-        for step in range(most):
+        for _ in range(most):
             before, lowered = self._here.value, False
             while not lowered:
                 slope = self._write_direction(&longest)
                 size = min(min(1.0, largest / longest), GROWTH * self._size) if slope < 0.0 else 0.0
-                for trial in range(TRIALS if slope < 0.0 else 0):
+                for _ in range(TRIALS if slope < 0.0 else 0):
                     self._go(size)
                     self._densities.price(self._next, False, NULL)
                     self.evaluations += 1
