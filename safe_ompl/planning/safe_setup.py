@@ -328,7 +328,8 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         """Prepare for `solve`, as OMPL's `setup`; raise InputError if no start or no goal is set."""
         self.query.check_complete(self.getPlanner())
         self._choose_planner()
-        super().setup()
+        with self.query.without_nan(self.getPlanner()):
+            super().setup()
 
     def setPlanner(self, planner: Any) -> None:
         """Plan with a planner on this setup's space information; an InputError if it cannot be used with it."""
@@ -371,7 +372,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         try:
             self.query.forget_stale()
             self.query.begin()
-            with asked:
+            with asked, self.query.without_nan(self.getPlanner()):
                 status = super().solve(stop)
             self.query.explain_missing_goal()
             if (wrong := self.query.forget_wrong()) is not None:

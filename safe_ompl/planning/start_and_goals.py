@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any, NamedTuple
 from weakref import proxy
@@ -12,7 +13,7 @@ import numpy as np
 from ompl import base as ob, geometric as og
 
 from safe_ompl.common import CollisionError, FloatArray, InputError, PlanningError
-from safe_ompl.planning.ompl import DangerObjective, WorkspaceGoal, states_of
+from safe_ompl.planning.ompl import DangerObjective, FiniteCosts, WorkspaceGoal, states_of
 from safe_ompl.planning.planners import SafePlanner, accepts
 from safe_ompl.robot import Robot, ScratchState
 
@@ -148,14 +149,8 @@ class StartAndGoals:
             )
         if not self._definition.getStartStateCount():
             raise InputError("no start is set: call setConfigurations, setStartConfiguration or addStartState")
-        if isinstance(planner, og.SORRTstar):
-            if self._definition.isTrivial():
-                raise InputError("OMPL's SORRTstar never ends where the start is the goal; take InformedRRTstar")
-            if self._may_be_nan:
-                raise InputError(
-                    "OMPL's SORRTstar never ends once a path costs NaN, as by an objective of your own it may; take "
-                    "InformedRRTstar"
-                )
+        if isinstance(planner, og.SORRTstar) and self._definition.isTrivial():
+            raise InputError("OMPL's SORRTstar never ends where the start is the goal; take InformedRRTstar")
 
     def check_ends(self, path: FloatArray, name: str) -> None:
         """Raise a PlanningError if the path (N, n) of a planner is not from a start to the goal."""
@@ -227,6 +222,19 @@ class StartAndGoals:
         if objection is not None:
             self._definition.clearSolutionPaths()
         return objection
+
+    @contextmanager
+    def without_nan(self, planner: Any) -> Iterator[None]:
+        """Within, OMPL's SORRTstar is told infinity where costs are NaN: it never ends once a path costs NaN."""
+        objective = self._definition.getOptimizationObjective()
+        wrapped = self._may_be_nan and isinstance(planner, og.SORRTstar)
+        if wrapped:
+            self._definition.setOptimizationObjective(FiniteCosts(objective))
+        try:
+            yield
+        finally:
+            if wrapped:
+                self._definition.setOptimizationObjective(objective)
 
     def forget_nan(self) -> bool:
         """Forget the solution if the objective is NaN on it, as it may be of what is forbidden; return whether it is.

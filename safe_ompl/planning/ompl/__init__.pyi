@@ -5,7 +5,7 @@ from .goals import (
     WorkspaceGoal as WorkspaceGoal,
     states_of as states_of,
 )
-from .objective import DangerObjective as DangerObjective, StateCost as StateCost
+from .objective import DangerObjective as DangerObjective, FiniteCosts as FiniteCosts, StateCost as StateCost
 from .validity import (
     RESOLUTION as RESOLUTION,
     CertifiedMotionValidator as CertifiedMotionValidator,

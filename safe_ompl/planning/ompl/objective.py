@@ -126,6 +126,33 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         return self.field.values_and_gradients(Q)
 
 
+class FiniteCosts(ob.OptimizationObjective):  # type: ignore[misc]
+    """An objective of the user's own, with infinity wherever that one says NaN."""
+
+    def __init__(self, objective: Any) -> None:
+        super().__init__(objective.getSpaceInformation())
+        self.objective = objective
+        self.setCostThreshold(objective.getCostThreshold())
+
+
+def _asking(name: str) -> Callable[..., Any]:
+    """Return a method of `FiniteCosts` that asks the method of that name of the user's objective."""
+
+    def ask(self: FiniteCosts, *arguments: Any) -> Any:
+        answer = getattr(self.objective, name)(*arguments)
+        return ob.Cost(math.inf) if isinstance(answer, ob.Cost) and math.isnan(answer.value()) else answer
+
+    return ask
+
+
+for _name in (
+    *("stateCost", "motionCost", "initialCost", "terminalCost", "averageStateCost", "identityCost", "infiniteCost"),
+    *("motionCostHeuristic", "motionCostBestEstimate", "combineCosts", "subtractCosts", "betterCost"),
+    *("isCostBetterThan", "isCostEquivalentTo", "isFinite", "isSatisfied", "isSymmetric"),
+):
+    setattr(FiniteCosts, _name, _asking(_name))
+
+
 class StateCost:
     """The cost of configurations as planners read it from a problem's objective.
 

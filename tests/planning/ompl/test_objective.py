@@ -1,5 +1,6 @@
 """Danger as OMPL's objective, and any objective as the cost that planners read."""
 
+import math
 from functools import partial
 from itertools import count
 
@@ -10,7 +11,7 @@ from plane import PlaneProblem, SlopedHotSpot
 
 from safe_ompl import DangerField, DangerObjective, Pose, SafeRRTConnect, Scenario, Scene, make_planner
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.ompl import StateCost
+from safe_ompl.planning.ompl import FiniteCosts, StateCost
 from safe_ompl.robot import ScratchState, StateBridge, joint_space
 
 
@@ -202,3 +203,38 @@ def test_with_a_checker_of_ones_own_it_is_measured_again_by_each_planner():
     task.walls.forbidden = lambda x, y: x * x + y * y < 0.5
     task.planner.setup()
     assert len(task.walls.asked) > 50
+
+
+class Peak(ob.OptimizationObjective):
+    """The largest cost of a state on a path, NaN on the left; better is larger."""
+
+    def stateCost(self, state):
+        return ob.Cost(state[1] if state[0] > 0 else math.nan)
+
+    def motionCost(self, start, end):
+        return self.stateCost(end)
+
+    def initialCost(self, state):
+        return self.stateCost(state)
+
+    def combineCosts(self, first, second):
+        return ob.Cost(max(first.value(), second.value()))
+
+    def isCostBetterThan(self, first, second):
+        return first.value() > second.value()
+
+
+@pytest.mark.parametrize(("first", "cost"), [(0.1, 0.9), (-0.1, math.inf)])
+def test_infinity_stands_for_nan_and_all_else_is_as_the_users_objective_says(first, cost):
+    space = ob.RealVectorStateSpace(2)
+    si = ob.SpaceInformation(space)
+    own = Peak(si)
+    finite, path = FiniteCosts(own), og.PathGeometric(si)
+    for x, y in ((0.1, 0.9), (0.2, 0.3), (first, 0.5)):
+        state = space.allocState()
+        state[0:2] = [x, y]
+        path.append(state)
+    assert path.cost(finite).value() == pytest.approx(cost)
+    assert math.isnan(own.stateCost(state).value()) == math.isinf(cost)
+    assert finite.isCostBetterThan(ob.Cost(3.0), ob.Cost(2.0))
+    assert finite.isSymmetric() == own.isSymmetric()
