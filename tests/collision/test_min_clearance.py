@@ -1,31 +1,12 @@
 """Distances that must be kept: proven along whole motions, from obstacles that stand still and from those that move."""
 
 import pickle
-from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
 
 from safe_ompl import InputError, Obstacle, Pose, Scene, Sphere, UnknownNameError
 from safe_ompl.collision import CollisionChecker, MotionProver, Separation, Verdict
-
-ROBOTS = ["panda", "kinova", "twin_arm", "slider"]
-ERROR = 2e-5  # [m] of coal's distances
-
-seeds = st.integers(0, 2**32 - 1)
-
-
-@cache
-def checker_for(robot, scene):
-    return CollisionChecker(robot, scene)
-
-
-def random_edge(robot, seed, length):
-    rng = np.random.default_rng(seed)
-    start = rng.uniform(robot.lower, robot.upper)
-    end = start + length * rng.normal(size=robot.n) / np.sqrt(robot.n)
-    return start, np.where(robot.continuous, end, np.clip(end, robot.lower, robot.upper))
 
 
 def balls(**places):
@@ -42,32 +23,6 @@ START, END = np.array([-0.7]), np.array([0.8])  # the ball on the crank passes t
 
 
 # ------------------------------------------------------------------------------------------- obstacles at rest
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-@settings(max_examples=25)
-@given(seed=seeds, length=st.floats(0.0, 1.0), distance=st.floats(0.001, 0.3))
-def test_verdicts_on_clearance(robot_named, clutter, plain_check, name, seed, length, distance):
-    robot = robot_named(name)
-    checker, plain = checker_for(robot, clutter), plain_check(robot, clutter)
-    motion = near(checker, distance, ["ball", "post"])
-    start, end = random_edge(robot, seed, length)
-    chosen = [k for k, (_, other) in enumerate(plain.pairs) if other in ("ball", "post")]
-    delta = robot.difference(start, end)
-    found = motion.check(start, end)
-    assert motion.is_free(start, end) == (found.verdict is Verdict.FREE)
-    if found.verdict is Verdict.FREE:
-        for t in np.linspace(0, 1, 30):
-            apart = plain.distances(start + t * delta)
-            assert apart[chosen].min() > distance - ERROR
-            assert apart.min() > -ERROR
-    elif found.verdict is Verdict.BLOCKED:
-        apart = plain.distances(start + found.at * delta)
-        required = distance if found.pair[1] in ("ball", "post") else 0.0
-        named = [d for pair, d in zip(plain.pairs, apart, strict=True) if pair == found.pair]
-        assert min(named) < required + ERROR
-        q = start + found.at * delta
-        assert checker.in_collision(q) or motion.separation.required(checker).violated(q)
 
 
 def test_what_never_touches_may_come_too_near(crank):
@@ -163,26 +118,6 @@ def test_names_are_checked(crank):
 
 
 # ----------------------------------------------------------------------------------------- obstacles that move
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-@settings(max_examples=25)
-@given(seed=seeds, speed=st.floats(0.0, 0.5), time=st.floats(0.0, 0.5))
-def test_verdicts_on_moving_obstacles(robot_named, clutter, plain_check, name, seed, speed, time):
-    robot = robot_named(name)
-    checker, plain = checker_for(robot, clutter), plain_check(robot, clutter)
-    start, end = random_edge(robot, seed, 0.4)
-    delta = robot.difference(start, end)
-    found = MotionProver(checker, separation=Separation(speeds={"ball": speed}, time=time)).check(start, end)
-    of_ball = np.array([other == "ball" for _, other in plain.pairs])
-
-    def room(t):  # how far each pair is apart if the ball comes straight on
-        return plain.distances(start + t * delta) - of_ball * speed * time
-
-    if found.verdict is Verdict.FREE:
-        assert min(room(t).min() for t in np.linspace(0, 1, 30)) > -ERROR
-    elif found.verdict is Verdict.BLOCKED:
-        assert room(found.at).min() < ERROR
 
 
 def test_obstacles_that_move_come_on_top_of_a_clearance(crank):

@@ -1,10 +1,11 @@
-"""Certified motions: what is called free is free everywhere, what is called blocked has a witness."""
+"""Certified motions: near contacts, over the half turn, outside the limits, and as people write them."""
 
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from edges import random_edge
 from hypothesis import given, settings, strategies as st
 
 from safe_ompl import Box, InputError, Obstacle, PointCloud, Pose, Robot, Scene, Sphere, certificate, verify
@@ -20,14 +21,6 @@ seeds = st.integers(0, 2**32 - 1)
 @cache
 def problem(robot, scene, plain_check):
     return MotionProver(CollisionChecker(robot, scene)), plain_check(robot, scene)
-
-
-def random_edge(robot, seed, length):
-    rng = np.random.default_rng(seed)
-    direction = rng.normal(size=robot.n)
-    start = rng.uniform(robot.lower, robot.upper)
-    end = start + length * direction / np.linalg.norm(direction)
-    return start, np.where(robot.continuous, end, np.clip(end, robot.lower, robot.upper))
 
 
 def refuted(verdict, start, end, motion, plain):
@@ -54,16 +47,6 @@ def test_a_robot_is_free_within_the_hull_of_a_cloud(panda):
     ring[0] = panda.tip_pose(start + 0.01).act(np.array([0.0, 0.0, -0.1]))  # in the hand
     motion = MotionProver(CollisionChecker(panda, Scene((Obstacle("ring", PointCloud(0.01, points=ring)),))))
     assert not motion.is_free(start, start + 0.02)
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-@settings(max_examples=40)
-@given(seed=seeds, length=st.floats(0.0, 1.5))
-def test_no_verdict_is_refuted_by_plain_coal(robot_named, clutter, plain_check, name, seed, length):
-    robot = robot_named(name)
-    motion, plain = problem(robot, clutter, plain_check)
-    start, end = random_edge(robot, seed, length)
-    assert not refuted(motion.check(start, end), start, end, motion, plain)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -96,10 +79,10 @@ def test_edges_that_nearly_touch(robot_named, clutter, plain_check, name):
 
 def test_most_edges_are_decided(ur5, clutter, plain_check):
     motion, _ = problem(ur5, clutter, plain_check)
-    verdicts = [motion.check(*random_edge(ur5, seed, 1.0)).verdict for seed in range(400)]
-    assert verdicts.count(Verdict.FREE) > 60
-    assert verdicts.count(Verdict.BLOCKED) > 60
-    assert verdicts.count(Verdict.UNDECIDED) <= 4
+    verdicts = [motion.check(*random_edge(ur5, seed, 1.0)).verdict for seed in range(200)]
+    assert verdicts.count(Verdict.FREE) > 30
+    assert verdicts.count(Verdict.BLOCKED) > 30
+    assert verdicts.count(Verdict.UNDECIDED) <= 2
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -5,23 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from edges import random_edge
 
 from safe_ompl import InputError, TipBounds, ToolOrientation, Verdict
 
-ROBOTS = ["panda", "ur5", "kinova", "slider", "twin_arm"]
+ROBOTS = ["panda", "ur5", "kinova", "slider", "twin_arm", "parallel"]
 UP = [0.0, 0.0, 1.0]
-T = np.linspace(0.0, 1.0, 201)
-
-
-def edges(robot, rng, count, length):
-    for _ in range(count):
-        start = rng.uniform(robot.lower, robot.upper)
-        end = np.clip(start + rng.uniform(-length, length, robot.n), robot.lower, robot.upper)
-        yield start, end
-
-
-def along(robot, start, end):
-    return start + T[:, None] * robot.difference(start, end)
 
 
 def plain_angle(robot, q, axis, direction):
@@ -40,46 +29,45 @@ def test_the_angle_is_that_between_axis_and_direction(ur5, rng):
         assert limit.allows(q) == (wanted <= 1.0)
 
 
+def limit_of_angle(robot, start, rng):
+    axis, direction = rng.normal(size=(2, 3))
+    if rng.random() < 0.3:
+        return ToolOrientation(robot, axis, direction, 1.5)
+    return ToolOrientation(robot, robot.tip_pose(start).rotation.T @ direction, direction, rng.uniform(0.1, 1.0))
+
+
+def limit_of_position(robot, start, rng):
+    tip = robot.tip_pose(start).translation
+    return TipBounds(robot, tip - rng.uniform(0.01, 0.6, 3), tip + rng.uniform(0.01, 0.6, 3))
+
+
+def excess(limit, q):
+    """Return by how much a limit is passed [rad or m]."""
+    if isinstance(limit, ToolOrientation):
+        return limit.angle(q) - limit.limit
+    tip = limit.robot.tip_pose(q).translation
+    return max((limit.lower - tip).max(), (tip - limit.upper).max())
+
+
 @pytest.mark.parametrize("name", ROBOTS)
-def test_what_is_proven_of_the_angle_holds_at_every_sample(robot_named, rng, name):
-    robot = robot_named(name)
-    seen = set()
-    for start, end in edges(robot, rng, 30, 0.8):
-        axis, direction = rng.normal(size=(2, 3))
-        own = robot.tip_pose(start).rotation.T @ direction
-        limit = ToolOrientation(robot, own, direction, rng.uniform(0.1, 1.0))
-        limit = limit if rng.random() < 0.7 else ToolOrientation(robot, axis, direction, 1.5)
+@pytest.mark.parametrize(
+    ("made", "pair"),
+    [(limit_of_angle, ("tool orientation", "its limit")), (limit_of_position, ("tip position", "its limit"))],
+)
+def test_what_is_proven_holds_at_every_sample(robot_named, rng, name, made, pair):
+    robot, seen = robot_named(name), set()
+    for seed in range(30):
+        start, end = random_edge(robot, seed, 0.8)
+        limit, delta = made(robot, start, rng), robot.difference(start, end)
         verdict = limit.check(start, end)
-        angles = [limit.angle(q) for q in along(robot, start, end)]
         seen.add(verdict.verdict)
         if verdict.verdict is Verdict.FREE:
-            assert max(angles) <= limit.limit
+            assert max(excess(limit, start + t * delta) for t in np.linspace(0.0, 1.0, 101)) <= 0.0
         else:
             assert verdict.verdict is Verdict.BLOCKED, "no motion at random is as near to its limit as the floor"
-            at = start + verdict.at * robot.difference(start, end)
-            assert limit.angle(at) > limit.limit
-            assert verdict.pair == ("tool orientation", "its limit")
-    assert seen >= {Verdict.FREE, Verdict.BLOCKED}
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_what_is_proven_of_the_tip_holds_at_every_sample(robot_named, rng, name):
-    robot = robot_named(name)
-    seen = set()
-    for start, end in edges(robot, rng, 30, 0.8):
-        tip = robot.tip_pose(start).translation
-        limit = TipBounds(robot, tip - rng.uniform(0.01, 0.6, 3), tip + rng.uniform(0.01, 0.6, 3))
-        verdict = limit.check(start, end)
-        seen.add(verdict.verdict)
-        tips = np.array([robot.tip_pose(q).translation for q in along(robot, start, end)])
-        inside = ((tips >= limit.lower) & (tips <= limit.upper)).all()
-        if verdict.verdict is Verdict.FREE:
-            assert inside
-        else:
-            assert verdict.verdict is Verdict.BLOCKED
-            at = robot.tip_pose(start + verdict.at * robot.difference(start, end)).translation
-            assert ((at < limit.lower) | (at > limit.upper)).any()
-    assert seen >= {Verdict.FREE, Verdict.BLOCKED}
+            assert excess(limit, start + verdict.at * delta) > 0.0
+            assert verdict.pair == pair
+    assert seen == {Verdict.FREE, Verdict.BLOCKED}
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -103,6 +91,12 @@ def test_a_wrist_that_turns_about_the_axis_costs_nothing(panda):
     assert limit.check(q, [*q[:-1], 2.8]).verdict is Verdict.FREE
 
 
+def test_mimic_joints_count_with_their_multipliers(robot_named):
+    robot = robot_named("parallel")
+    rates = ToolOrientation(robot, [1.0, 0.0, 0.0], UP, 1.0).rates
+    assert rates[robot.joint_names.index("elbow")] == pytest.approx(3.0)
+
+
 def test_a_motion_at_the_limit_is_undecided(ur5):
     q = np.array([0.5, -1.2, 1.2, -1.0, -1.57, 0.0])
     limit = ToolOrientation(ur5, UP, [0.0, 1.0, 0.0], 1.0)
@@ -121,41 +115,18 @@ def test_walls_may_be_missing(ur5):
 
 
 @pytest.mark.parametrize(
-    ("axis", "direction", "angle", "words"),
+    ("kind", "given", "words"),
     [
-        ([0, 0, 0], UP, 0.5, "axis of the tool must be a vector that is not zero, got"),
-        (UP, [0, 0], 0.5, r"direction of the tool: must have shape \(3\), got \(2,\)"),
-        (UP, [0, 0, np.nan], 0.5, "direction of the tool: must be finite"),
-        (UP, UP, 0.0, r"angle of the tool: must be a finite angle \[rad\] in \(0, 3.1415"),
-        (UP, UP, 30.0, "angle of the tool: must be"),
+        (ToolOrientation, ([0, 0, 0], UP, 0.5), "axis of the tool must be a vector that is not zero, got"),
+        (ToolOrientation, (UP, [0, 0], 0.5), r"direction of the tool: must have shape \(3\), got \(2,\)"),
+        (ToolOrientation, (UP, [0, 0, np.nan], 0.5), "direction of the tool: must be finite"),
+        (ToolOrientation, (UP, UP, 0.0), r"angle of the tool: must be a finite angle \[rad\] in \(0, 3.1415"),
+        (ToolOrientation, (UP, UP, 30.0), "angle of the tool: must be"),
+        (TipBounds, ([0, 0, 1], [1, 1, 1]), "the lower corner must be below the upper one"),
+        (TipBounds, ([0, 0], [1, 1, 1]), "lower corner: must have shape"),
+        (TipBounds, ([0, 0, 0], [1, 1, np.nan]), "upper corner must be 3 numbers"),
     ],
 )
-def test_what_is_no_orientation_is_refused(ur5, axis, direction, angle, words):
+def test_what_is_no_limit_is_refused(ur5, kind, given, words):
     with pytest.raises(InputError, match=words):
-        ToolOrientation(ur5, axis, direction, angle)
-
-
-@pytest.mark.parametrize(
-    ("lower", "upper", "words"),
-    [
-        ([0, 0, 1], [1, 1, 1], "the lower corner must be below the upper one"),
-        ([0, 0], [1, 1, 1], "lower corner: must have shape"),
-        ([0, 0, 0], [1, 1, np.nan], "upper corner must be 3 numbers"),
-    ],
-)
-def test_what_is_no_box_is_refused(ur5, lower, upper, words):
-    with pytest.raises(InputError, match=words):
-        TipBounds(ur5, lower, upper)
-
-
-def test_mimic_joints_count_with_their_multipliers(robot_named, rng):
-    robot = robot_named("parallel")
-    elbow = robot.joint_names.index("elbow")
-    assert ToolOrientation(robot, [1.0, 0.0, 0.0], UP, 1.0).rates[elbow] == pytest.approx(3.0)
-    seen = set()
-    for start, end in edges(robot, rng, 30, 0.6):
-        limit = ToolOrientation(robot, [1, 0, 0], robot.tip_pose(start).rotation[:, 0], rng.uniform(0.2, 1.0))
-        verdict = limit.check(start, end).verdict
-        seen.add(verdict)
-        assert (verdict is Verdict.FREE) == all(limit.allows(q) for q in along(robot, start, end))
-    assert seen == {Verdict.FREE, Verdict.BLOCKED}
+        kind(ur5, *given)

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from edges import kept_within_limits
 from hypothesis import given, settings, strategies as st
 
 from safe_ompl import CertifiedDanger, DangerField, DangerLimit, InputError, Verdict
@@ -12,7 +13,7 @@ from safe_ompl.danger.certified import KeypointRates, chords
 from safe_ompl.danger.field import AGGREGATES
 from safe_ompl.danger.link_field import segment_distances, segment_fields
 
-ROBOTS = ["panda", "kinova", "twin_arm", "slider", "gripper", "parallel"]
+ROBOTS = ["panda", "kinova", "twin_arm", "slider", "gripper", "parallel", "loaded", "mobile", "cell"]
 ROUNDING = 1e-9
 
 seeds = st.integers(0, 2**32 - 1)
@@ -41,11 +42,11 @@ def random_path(robot, seed, edges, length):
     path = [rng.uniform(robot.lower, robot.upper)]
     for _ in range(edges):
         end = path[-1] + length * rng.normal(size=robot.n) / np.sqrt(robot.n)
-        path.append(np.where(robot.continuous, end, np.clip(end, robot.lower, robot.upper)))
+        path.append(kept_within_limits(robot, end))
     return np.array(path)
 
 
-def densely(robot, path, number=400):
+def densely(robot, path, number=200):
     """Return configurations on a path, `number` on each edge."""
     t = np.linspace(0, 1, number)[:, None]
     return np.concatenate([a + t * robot.difference(a, b) for a, b in pairwise(path)])

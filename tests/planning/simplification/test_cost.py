@@ -98,7 +98,16 @@ def test_the_weight_is_in_the_scale_of_robot_and_scene(ur5):
         assert np.median(density.values(samples)) == pytest.approx(5.0, rel=0.5)
 
 
+def test_nothing_is_near_in_an_empty_scene(panda):
+    density, Q = ObstacleCost(CollisionChecker(panda, Scene()), 0.05), np.zeros((3, 7))
+    assert not density.values(Q).any()
+    assert not len(density.near(Q).rows)
+
+
 @pytest.mark.parametrize(("options", "message"), [({"weight": -1.0}, "weight"), ({"reference": 0.0}, "reference")])
-def test_bad_options(panda, options, message):
+@pytest.mark.parametrize("distance", [0.0, -0.1, np.inf, np.nan])
+def test_bad_options(panda, options, message, distance):
     with pytest.raises(InputError, match=message):
         DangerDensity(DangerField(panda, POINTS), **{"reference": 10.0, **options})
+    with pytest.raises(InputError, match="clearance"):
+        ObstacleCost(CollisionChecker(panda, Scene()), distance)
