@@ -1,12 +1,16 @@
 from .benchmark import Benchmark as Benchmark
 from .campaign import (
+    BAND as BAND,
+    PRACTICE as PRACTICE,
     Campaign as Campaign,
     Run as Run,
     Summary as Summary,
+    as_planned as as_planned,
     check_named_planner as check_named_planner,
     default_planners as default_planners,
     failure as failure,
     lost as lost,
+    planner_of as planner_of,
     run_planner as run_planner,
     summarize as summarize,
 )

@@ -7,12 +7,14 @@ import math
 import pickle
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from itertools import chain
+from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
+from ompl import geometric as og
 
 from safe_ompl.common import FloatArray, InputError, documents as document, in_order, whole_number
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
@@ -22,6 +24,9 @@ from safe_ompl.scene import Scenario
 _log = logging.getLogger(__name__)
 
 BAND = (15, 85)  # [%]; the percentiles that the paper shows
+PRACTICE = "OMPL RRTConnect + OMPL's simplifier"
+"""The name, in a comparison, of how paths are planned today without this package."""
+_PRACTICE_PLANNER = "RRTConnect"
 Value = float | int | bool | str | None
 
 
@@ -57,11 +62,15 @@ def run_planner(
 ) -> PlanResult:
     """Do one run, of the planner by its name or as it is given; what goes wrong in it is a result without a path.
 
-    It does not know of other runs, and its result can be sent to other processes: anything may spread runs out. Only an
-    InputError, which all runs would raise, and Ctrl-C arrive here.
+    The name may be `PRACTICE`, too: then OMPL's RRTConnect plans, with the setup's validity and motion checks, and
+    OMPL's `PathSimplifier` simplifies for as long as it finds something to do. A run does not know of other runs, and
+    its result can be sent to other processes: anything may spread runs out. Only an InputError, which all runs would
+    raise, and Ctrl-C arrive here.
     """
     try:
         options: dict[str, Any] = {"parameters": parameters, "simplify": simplify}
+        if run.planner == PRACTICE:
+            return _practice(setup, run, time, parameters)
         result = setup.plan(run.planner if planner is None else planner, time=time, seed=run.seed, **options)
     except InputError:
         raise
@@ -70,6 +79,28 @@ def run_planner(
     if result.interrupted:  # Ctrl-C is for all the runs
         raise KeyboardInterrupt
     return result
+
+
+def _practice(setup: SafeSetup, run: Run, time: float, parameters: Mapping[str, Any] | None) -> PlanResult:
+    """Plan by OMPL's RRTConnect, and simplify by OMPL's simplifier, which knows of length and collision alone."""
+    result = replace(
+        setup.plan(_PRACTICE_PLANNER, time=time, seed=run.seed, parameters=parameters), planner=run.planner
+    )
+    if not result:
+        return result
+    begin = perf_counter()
+    # The path is OMPL's own object, which is simplified in place. Without the setup's objective, as that is danger.
+    og.PathSimplifier(setup.getSpaceInformation()).simplifyMax(setup.getSolutionPath())
+    took, path = perf_counter() - begin, setup.solution()
+    return replace(result, path=path, planned_path=result.path, simplification_time=took, report=setup.report(path))
+
+
+def as_planned(setup: SafeSetup, result: PlanResult) -> PlanResult:
+    """Return a result as it was before its path was simplified; the same one where it was not."""
+    path = result.planned_path
+    if path is None:
+        return result
+    return replace(result, path=path, planned_path=None, simplification_time=0.0, report=setup.report(path))
 
 
 def failure(status: str, planner: str, seed: int, joint_names: tuple[str, ...]) -> PlanResult:
@@ -92,7 +123,7 @@ class Campaign:
     """
 
     scenario: Scenario  # The problem, with the parameters of its planners
-    planners: Sequence[str]  # Names of `planner_names()`, all different
+    planners: Sequence[str]  # Names of `planner_names()`, or `PRACTICE`; all different
     runs: int = 50  # Runs of each planner
     time: float | None = None  # Time limit of a run [s]; the scenario's own by default
     seed: int = 0  # Seed of the first run; the next ones count up
@@ -133,7 +164,7 @@ class Campaign:
         time = self.scenario.time if self.time is None else self.time
 
         def do(run: Run) -> PlanResult:
-            parameters = self.scenario.planners.get(run.planner)
+            parameters = self.scenario.planners.get(planner_of(run.planner))
             return run_planner(setup, run, time=time, parameters=parameters, simplify=self.simplify)
 
         return do
@@ -151,14 +182,20 @@ def _runner_of(campaign: bytes) -> Callable[[Run], PlanResult]:
 
 
 def default_planners(scenario: Scenario) -> tuple[str, ...]:
-    """Return the default planners of a comparison: OMPL's RRT-Connect, and all of ours that fit the goal."""
+    """Return what a comparison has by default: today's practice, and all of our planners that fit the goal."""
     has_place = scenario.goal.is_place
     ours = (name for name in planner_names() if is_ours(name) and (has_place or not needs_place(name)))
-    return ("RRTConnect", *ours)
+    return (PRACTICE, *ours)
+
+
+def planner_of(name: str) -> str:
+    """Return the planner that plans under a name of a comparison."""
+    return _PRACTICE_PLANNER if name == PRACTICE else name
 
 
 def check_named_planner(scenario: Scenario, planner: str, setup: SafeSetup) -> None:
     """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
+    planner = planner_of(planner)
     source = f"{scenario.file or scenario.name}: planners" if planner in scenario.planners else "planner"
     with document.within(source, ": "):
         make_planner(planner, setup.getSpaceInformation(), scenario.planners.get(planner))
@@ -196,6 +233,7 @@ def run_measures(result: PlanResult) -> dict[str, Value]:
 SUMMARISED: Mapping[str, tuple[str, ...]] = {
     "planning_time": ("time",),
     "simplification_time": ("simplification time",),
+    "total_time": ("time", "simplification time"),
     "length": ("solution length",),
     "danger_mean": ("danger mean",),
     "danger_max": ("danger max",),
@@ -239,6 +277,11 @@ class Summary:
         """Return a percentile of a metric over the solved runs, by default the median; NaN if there are none."""
         values = self.metrics[metric]
         return float(np.percentile(values, percent)) if len(values) else float("nan")
+
+    def spread(self, metric: str) -> float:
+        """Return how far a metric spreads over the seeds: the width of its 15–85 % band; inf with less than 2 runs."""
+        low, high = (self.percentile(metric, percent) for percent in BAND)
+        return high - low if self.solved > 1 else math.inf
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as plain numbers and strings: of each metric the median and the 15–85 % band."""

@@ -5,15 +5,29 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 from rich.table import Table
 from rich.text import Text
 
-from safe_ompl.apps.benchmark import Campaign, Run, Summary, default_planners, failure, lost, run_planner, summarize
+from safe_ompl.apps.benchmark import (
+    BAND,
+    PRACTICE,
+    Campaign,
+    Run,
+    Summary,
+    as_planned,
+    default_planners,
+    failure,
+    lost,
+    planner_of,
+    run_planner,
+    summarize,
+)
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.plan import record
@@ -35,11 +49,12 @@ def add_commands(commands: Any) -> None:
         "compare",
         prepare,
         "compare planners: table, report.json and pictures",
-        "Run several planners with several seeds each, and compare them: a table, report.json, "
-        "and pictures of danger and of the robot along each planner's typical path. Paths are simplified.",
+        "Run today's practice (OMPL's RRTConnect and OMPL's simplifier) and several planners with several seeds "
+        "each, and compare their paths, as planned and simplified: a table, report.json, and pictures of danger and of "
+        "the robot along each planner's typical path.",
     )
     arguments.add_scenario(parser)
-    option(parser, "--planners A,B,...", "default: OMPL's RRTConnect and all of ours", arguments.names)
+    option(parser, "--planners A,B,...", "compared with today's practice (default: all of ours)", arguments.names)
     option(parser, "--runs N", "runs of each planner", arguments.count, _RUNS)
     arguments.add_run_options(parser, usual_time="the scenario's", simplify=True)
     parser.add_argument(
@@ -56,7 +71,10 @@ def add_commands(commands: Any) -> None:
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=True)
-    planners = options.planners or default_planners(scenario)
+    # Today's practice stands first, and without simplification what is left of it: its planner.
+    first = PRACTICE if options.simplify else planner_of(PRACTICE)
+    named = options.planners or default_planners(scenario)[1:]
+    planners = (first, *(name for name in named if name != first or named.count(name) > 1))
     campaign = Campaign(scenario, planners, options.runs, options.time, options.seed, options.simplify)
     setup = setup_scenario(scenario)
     campaign.check(setup)
@@ -74,23 +92,35 @@ def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -
         tracked = progress.track(runs, total=len(campaign), description=f"planning {name}")
         status = output.each_until_ctrl_c(tracked, results.append)
     summaries = summarize(results)
+    planned = summarize([as_planned(setup, result) for result in results])
+    groups = {"as planned": planned, "simplified": summaries} if campaign.simplify else {"as planned": planned}
+    # Ctrl-C may come before there is a run.
+    large = [summaries[0], safest(summaries)] if summaries else []
+    words = in_words(*large, list(groups)[-1]) if large else ""
     report = {
         "scenario": name,
         "robot": robot.name,
         "seed": campaign.seed,
-        "summary": [summary.as_dict() for summary in summaries],
+        "summary": [
+            {**summary.as_dict(), "as_planned": before.as_dict()}
+            for summary, before in zip(summaries, planned, strict=True)
+        ],
+        "safest": large[-1].planner if large else None,
+        "words": words,
         "runs": [record(name, robot, result) for result in results],
     }
     output.write_json(str(folder / "report.json"), report)
     title = f"{name} · {robot.name} · {campaign.runs} runs each"
-    output.console().print(summary_table("planner", summaries, title, mark_best=True))
+    output.console().print(summary_table("planner", groups, title, mark_best=True))
+    output.console().print(words, highlight=False)
     console, advice = output.error_console(), output.missing_extra("plots")
     if advice:
         console.print(f"safe-ompl: no pictures: {advice}")
     else:
-        typical = {summary.planner: summary.typical for summary in summaries if summary.typical}
+        shown = sorted(summaries, key=lambda summary: summary not in large)
+        typical = {summary.planner: summary.typical for summary in shown if summary.typical}
         with console.status("drawing"):
-            plots.plot_profiles({summary.planner: summary.profiles for summary in summaries}, folder / "profiles.png")
+            plots.plot_profiles({summary.planner: summary.profiles for summary in shown}, folder / "profiles.png")
             if typical:
                 render_comparison(setup.robot, setup.scene, typical, folder / "paths.png")
     console.print(f"report{'' if advice else ' and pictures'} in {folder}")
@@ -99,61 +129,140 @@ def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -
 
 
 _BEST = "*"
+# Less of a difference, as a share of the value, is not called one, however small the spread.
+_VISIBLE = 0.01
 
 
 class _Column(NamedTuple):
-    """One quantity of a comparison: its heading, which median it is, how that is written, which ones are good."""
+    """One quantity of a comparison: how it is headed, which median it is, and which ones are good."""
 
+    quantity: str
     heading: str
-    metric: str  # Of `Summary.metrics`; empty: how many runs are solved
-    digits: int = 0
+    metric: str  # Of `Summary.metrics`
     scale: float = 1.0
     more_is_better: bool = False
 
     def value(self, summary: Summary) -> float:
-        return self.scale * summary.percentile(self.metric) if self.metric else summary.solved / summary.runs
+        """Return the median."""
+        return self.scale * summary.percentile(self.metric)
+
+    def beats(self, one: Summary, other: Summary) -> bool:
+        """Return whether the median of `one` is better than that of `other` by more than either spreads over seeds."""
+        spread = max(one.spread(self.metric), other.spread(self.metric))
+        return self._ahead(one, other) > max(self.scale * spread, _VISIBLE * self.value(one))
+
+    def is_best(self, summary: Summary, summaries: Sequence[Summary]) -> bool:
+        """Return whether a summary beats another one, and the best one is ahead by no more than it spreads itself."""
+        best = max(summaries, key=lambda other: self._ahead(other, summary) if other.solved else -math.inf)
+        near = self._ahead(best, summary) <= max(self.scale * best.spread(self.metric), _VISIBLE * self.value(best))
+        return near and any(self.beats(summary, other) for other in summaries)
+
+    def _ahead(self, one: Summary, other: Summary) -> float:
+        return (self.value(one) - self.value(other)) * (1 if self.more_is_better else -1)
 
     def cells(self, summaries: Sequence[Summary], mark_best: bool) -> list[Text]:
-        """Return a cell for each summary; those that look as good as the best may be marked."""
+        """Return a cell for each summary, with a mark or a space at its end; the largest has three digits at least."""
         values = [self.value(summary) for summary in summaries]
-        written = [f"{value:.{self.digits}f}" if math.isfinite(value) else "–" for value in values]
-        if not self.metric:
-            written = [f"{summary.solved}/{summary.runs}" for summary in summaries]
-        best = None
-        if mark_best and len(set(written)) > 1:
-            choose = max if self.more_is_better else min
-            best = written[values.index(choose(value for value in values if not math.isnan(value)))]
-        return [Text(text + _BEST, "bold green") if text == best else Text(f"{text} ") for text in written]
+        most = max((value for value in values if math.isfinite(value)), default=0.0)
+        digits = 0 if most >= 100 else 1 if most >= 10 else 2
+        cells = []
+        for summary, value in zip(summaries, values, strict=True):
+            written = f"{value:.{digits}f}" if math.isfinite(value) else "–"
+            best = mark_best and self.is_best(summary, summaries)
+            cells.append(Text(written + _BEST, "bold green") if best else Text(f"{written} "))
+        return cells
 
 
-_COLUMNS = (
-    _Column("solved", "", more_is_better=True),
-    _Column("time\nms", "planning_time", 0, 1e3),
-    _Column("path\nrad", "length", 2),
-    _Column("danger\nmean", "danger_mean", 2),
-    _Column("danger\nmax", "danger_max", 2),
-    _Column("avoid-\nable", "danger_avoidable", 2),
-    _Column("clear.\nmm", "clearance_min", 1, 1e3, more_is_better=True),
-    _Column("near\nrad", "length_below_50mm", 2),
-)
+_TIME = _Column("time", "ms", "total_time", 1e3)
+_MEAN = _Column("danger", "mean", "danger_mean")
+_PEAK = _Column("danger", "peak", "danger_max")
+_CLEARANCE = _Column("clear.", "mm", "clearance_min", 1e3, more_is_better=True)
+_LENGTH = _Column("path", "rad", "length")
+_COLUMNS = (_TIME, _MEAN, _PEAK, _CLEARANCE, _LENGTH)
 
 
-def summary_table(name: str, summaries: Sequence[Summary], title: str | None = None, mark_best: bool = False) -> Table:
-    """Return a table with one row per summary: medians over the solved runs. `name` heads the first column."""
+def safest(summaries: Sequence[Summary]) -> Summary:
+    """Return the first of ours whose mean danger no other one of ours beats; today's practice is the first of all."""
+    ours = [summary for summary in summaries[1:] if summary.solved] or summaries[-1:]
+    return next(one for one in ours if not any(_MEAN.beats(other, one) for other in ours))
+
+
+def in_words(practice: Summary, ours: Summary, kind: str) -> str:
+    """Say how a row of ours differs from today's practice; `kind` is what its paths are, as planned or simplified."""
+    for summary, who in ((practice, "today's practice"), (ours, ours.planner)):
+        if not summary.solved:
+            return f"{who}: no path in {summary.runs} runs"
+
+    def within(column: _Column) -> str:
+        clear = column.beats(ours, practice) or column.beats(practice, ours)
+        return "" if clear else " (within the spread over the seeds)"
+
+    said = []
+    if peak := _PEAK.value(practice):
+        share = round(100 * (_PEAK.value(ours) / peak - 1))
+        side = "above" if share > 0 else "below"
+        said.append(f"peak danger {abs(share)} % {side}{within(_PEAK)}" if share else "the same peak danger")
+    room = _CLEARANCE.value(ours) - _CLEARANCE.value(practice)
+    if math.isfinite(room):
+        clearance = _difference(room, "mm", " clearance than") or "the same clearance as"
+        said.append(f"{clearance} today's practice{within(_CLEARANCE) if round(room) else ''}")
+    longer = _TIME.value(ours) - _TIME.value(practice)
+    said.append(_difference(longer, "ms", within(_TIME)) or "in the same time")
+    return f"{ours.planner}, {kind}: {', '.join(said)}"
+
+
+def _difference(value: float, unit: str, more: str) -> str:
+    """Return a difference as a whole number of a unit, more or less, and what comes after; empty where it is 0."""
+    return f"{abs(value):.0f} {unit} {'more' if value > 0 else 'less'}{more}" if round(value) else ""
+
+
+def summary_table(
+    name: str, groups: Mapping[str, Sequence[Summary]], title: str | None = None, mark_best: bool = False
+) -> Table:
+    """Return a table of medians over the solved runs, with one row per summary and the groups side by side.
+
+    The groups are summaries of the same rows, by what stands above them. `name` heads the first column.
+    """
     table = output.plain_table(title=title, gap=1)
-    best = f"; {_BEST} best" if mark_best else ""
-    table.caption = f"Medians over the solved runs{best}. near: length of path with less than 50 mm of clearance"
-    if not any(summary.percentile("danger_max") for summary in summaries):
+    table.caption = "Medians over the solved runs. time: to plan and to simplify. clear.: least clearance"
+    if mark_best:
+        table.caption += (
+            f". {_BEST} better than some row by more than the spread over the seeds, and no worse than the best row by "
+            f"more than that (spread: from {BAND[0]} to {BAND[1]} % of the runs)"
+        )
+    rows = list(groups.values())[-1]
+    if not any(summary.percentile("danger_max") for summary in rows):
         table.caption += ". Danger is 0, as no obstacle has a danger weight"
-    table.add_column(name, no_wrap=True)
-    for column in _COLUMNS:
-        # A space at the end of each line: headings stand above the digits, not above the mark.
-        heading = column.heading.replace("\n", " \n") + " "
-        table.add_column(heading, justify="right", vertical="bottom", no_wrap=True)
-    rows = zip(*(column.cells(summaries, mark_best) for column in _COLUMNS), strict=True)
-    for summary, cells in zip(summaries, rows, strict=True):
-        table.add_row(summary.planner, *cells)
+    table.add_column(name, overflow="fold", vertical="bottom")
+    table.add_column("paths\nfound", justify="right", vertical="bottom", no_wrap=True)
+    blocks = []
+    for group, summaries in groups.items():
+        # Two lengths have no room within 80 letters, with the names of the planners.
+        columns = _COLUMNS if summaries is rows else _COLUMNS[:-1]
+        heading, *lines = _block(group, columns, summaries, mark_best)
+        blocks.append(lines)
+        table.add_column(heading, no_wrap=True, vertical="bottom")
+    for summary, *cells in zip(rows, *blocks, strict=True):
+        table.add_row(summary.planner.replace(" + ", " +\n"), f"{summary.solved}/{summary.runs}", *cells)
     return table
+
+
+def _block(group: str, columns: Sequence[_Column], summaries: Sequence[Summary], mark_best: bool) -> list[Text]:
+    """Return columns side by side as one text: their heading, with the name of the group, and one for each summary."""
+    # A space at the end of each heading: headings stand above the digits, not above the mark.
+    cells = [[Text(f"{column.heading} "), *column.cells(summaries, mark_best)] for column in columns]
+    widths, quantities = [max(map(len, of_column)) for of_column in cells], []
+    for quantity, members in groupby(range(len(columns)), lambda k: columns[k].quantity):
+        span = list(members)
+        width = sum(widths[k] for k in span) + len(span) - 1
+        widths[span[-1]] += max(0, len(quantity) - width)
+        quantities.append(quantity.center(max(width, len(quantity))))
+    lines = [
+        Text(" ").join(Text(" " * (width - len(cell))) + cell for width, cell in zip(widths, row, strict=True))
+        for row in zip(*cells, strict=True)
+    ]
+    headings = [Text(words) for words in (group.center(len(lines[0])), " ".join(quantities)) if words.strip()]
+    return [Text("\n").join([*headings, lines[0]]), *lines[1:]]
 
 
 USUAL_TIME = 5.0  # [s]
@@ -223,7 +332,7 @@ def _solve_all(file: MbmFile, robot: Robot, parameters: dict[str, Any], options:
         solutions = in_order(solve, problems, options.workers or 1, lost_problem)
         tracked = progress.track(solutions, total=len(problems), description=file.path.name)
         status = output.each_until_ctrl_c(tracked, write)
-    console.print(summary_table("family", [Summary.of(*of_family) for of_family in results.items()]))
+    console.print(summary_table("family", {"": [Summary.of(*of_family) for of_family in results.items()]}))
     return status or int(not all(result for of_family in results.values() for result in of_family))
 
 

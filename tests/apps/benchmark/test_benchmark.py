@@ -24,7 +24,17 @@ from safe_ompl import (
     load,
     save,
 )
-from safe_ompl.apps.benchmark import Campaign, Run, Summary, default_planners, failure, lost, summarize
+from safe_ompl.apps.benchmark import (
+    PRACTICE,
+    Campaign,
+    Run,
+    Summary,
+    as_planned,
+    default_planners,
+    failure,
+    lost,
+    summarize,
+)
 from safe_ompl.common import in_order, warn_once
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import is_ours, planner_names
@@ -68,6 +78,23 @@ def test_an_executor_does_the_runs_and_what_was_done_before_is_not_repeated(scen
     for result, other in zip(found, results, strict=True):
         assert (result.planner, result.seed) == (other.planner, other.seed)
         np.testing.assert_array_equal(result.path, other.path)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_todays_practice_is_what_ompls_own_classes_give(scenario, setup, workers):
+    (result,) = Campaign(scenario, (PRACTICE,), 1, seed=3, simplify=True).results(setup, workers)
+    planner, _ = setup.prepare("RRTConnect", 3)
+    assert type(planner) is og.RRTConnect
+    assert planner.solve(5.0)
+    raw, simplified = (og.PathGeometric(setup.getProblemDefinition().getSolutionPath()) for _ in range(2))
+    og.PathSimplifier(setup.getSpaceInformation()).simplifyMax(simplified)
+    np.testing.assert_array_equal(result.planned_path, setup.bridge.way_points(raw))
+    np.testing.assert_array_equal(result.path, setup.bridge.way_points(simplified))
+    assert result.report.length < setup.report(raw).length
+    assert result.report.danger.mean == setup.report(simplified).danger.mean
+    before = as_planned(setup, result)
+    assert (before.report.length, before.simplification_time) == (setup.report(raw).length, 0.0)
+    assert (result.planner, result.certified, before.certified) == (PRACTICE, True, True)
 
 
 class Unlucky(Executor):
@@ -178,13 +205,13 @@ def test_bad_campaigns_are_refused_before_any_run(scenario, setup, planners, run
         Campaign(scenario, planners, runs).results(setup, workers)
 
 
-def test_default_planners_are_rrt_connect_and_all_of_ours_that_fit_the_goal(scenario):
+def test_default_planners_are_todays_practice_and_all_of_ours_that_fit_the_goal(scenario):
     ours = [name for name in planner_names() if is_ours(name)]
     both = dataclasses.replace(scenario.goal, position=(0.3, 0.0, 0.4))
-    assert default_planners(dataclasses.replace(scenario, goal=both)) == ("RRTConnect", *ours)
+    assert default_planners(dataclasses.replace(scenario, goal=both)) == (PRACTICE, *ours)
     configurations = dataclasses.replace(scenario.goal, position=None)
     fitting = [name for name in ours if "JTRRT" not in name]
-    assert default_planners(dataclasses.replace(scenario, goal=configurations)) == ("RRTConnect", *fitting)
+    assert default_planners(dataclasses.replace(scenario, goal=configurations)) == (PRACTICE, *fitting)
 
 
 def test_summaries(results):
@@ -197,6 +224,8 @@ def test_summaries(results):
         "p15": pytest.approx(np.percentile(lengths, 15)),
         "p85": pytest.approx(np.percentile(lengths, 85)),
     }
+    low, high = np.percentile(lengths, [15, 85])
+    assert summary.spread("length") == pytest.approx(high - low)
     assert summary.profiles.shape == (5, 101)
     assert summary.typical is mine[int(np.argsort([result.report.danger.mean for result in mine])[2])]
     assert summary.metrics["queries"].tolist() == [result.counts.queries for result in mine]

@@ -16,7 +16,7 @@ from ompl import util as ou
 
 from safe_ompl import SafeSetup, planner_names
 from safe_ompl.apps import main
-from safe_ompl.apps.benchmark import failure
+from safe_ompl.apps.benchmark import PRACTICE, Summary, failure
 from safe_ompl.apps.cli import compare, output
 from safe_ompl.drawing import pictures, render_comparison, render_path
 
@@ -205,18 +205,22 @@ def test_without_a_path_there_is_no_certificate(run, folder, monkeypatch):
 
 def test_compare_writes_table_and_report(run, folder, monkeypatch):
     monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
+    monkeypatch.setenv("COLUMNS", "80")
     arguments = ("--planners", "RRTConnect,SafeRRTConnect", "--runs", 4, "--seed", 7, "--out", "deep/out")
     status, out, err = run("compare", "test.yaml", *arguments)
     assert status == 0
     assert "4/4" in out
     assert "*" in out
-    assert max(map(len, out.partition("Medians")[0].splitlines())) <= 80
+    table, _, rest = out.partition("Medians")
+    assert max(map(len, table.splitlines())) <= 80
+    assert PRACTICE == "OMPL RRTConnect + OMPL's simplifier"
+    assert table.index("OMPL RRTConnect +") < table.index("OMPL's simplifier") < table.index("SafeRRTConnect")
     assert "no_such_module" in err
     assert "pip install" in err
     report = strict((folder / "deep/out/report.json").read_text())
-    assert list(report) == ["scenario", "robot", "seed", "summary", "runs"]
+    assert list(report) == ["scenario", "robot", "seed", "summary", "safest", "words", "runs"]
     assert [(run["planner"], run["seed"]) for run in report["runs"]] == [
-        (planner, seed) for seed in range(7, 11) for planner in ("RRTConnect", "SafeRRTConnect")
+        (planner, seed) for seed in range(7, 11) for planner in (PRACTICE, "RRTConnect", "SafeRRTConnect")
     ]
     for record in report["runs"]:
         assert set(record) == set(f"{RECORD} planned_path".split())
@@ -226,6 +230,96 @@ def test_compare_writes_table_and_report(run, folder, monkeypatch):
         assert summary["solved"] == summary["runs"] == 4
         assert list(summary["danger_mean"]) == ["median", "p15", "p85"]
         assert summary["typical_seed"] in range(7, 11)
+    practice, plain, _ = report["summary"]
+    assert practice["as_planned"]["danger_mean"] == plain["as_planned"]["danger_mean"], "the same planner"
+    assert practice["danger_max"]["median"] > practice["as_planned"]["danger_max"]["median"]
+    assert plain["danger_max"]["median"] < plain["as_planned"]["danger_max"]["median"]
+    # The words are those of the medians.
+    safest = next(summary for summary in report["summary"] if summary["planner"] == report["safest"])
+    below = 100 * (1 - safest["danger_max"]["median"] / practice["danger_max"]["median"])
+    more = 1e3 * (safest["clearance_min"]["median"] - practice["clearance_min"]["median"])
+    assert f"{report['safest']}, simplified: peak danger {below:.0f} % below" in report["words"]
+    assert f", {more:.0f} mm more clearance than today's practice" in report["words"]
+    assert report["words"] in " ".join(rest.split())
+
+
+def test_compare_without_simplification_begins_with_the_planner_of_todays_practice(run, folder):
+    arguments = ("--planners", "SafeRRTConnect", "--runs", 2, "--no-simplify")
+    assert run("compare", "test.yaml", *arguments)[0] == 0
+    report = strict((folder / "compare-test/report.json").read_text())
+    assert [summary["planner"] for summary in report["summary"]] == ["RRTConnect", "SafeRRTConnect"]
+    assert "SafeRRTConnect, as planned: " in report["words"]
+    assert {run["simplification_time"] for run in report["runs"]} == {0.0}
+
+
+def summary_of(planner, *, time=1.0, mean=5.0, peak=9.0, clearance=20.0, spread=0.0, runs=3):
+    """Return a summary with medians [ms, mm], of which each spreads by a share of itself."""
+    metrics = {
+        "total_time": 1e-3 * time,
+        "danger_mean": mean,
+        "danger_max": peak,
+        "clearance_min": 1e-3 * clearance,
+        "length": 3.0,
+    }
+    # From the 15th to the 85th percentile of three values there is 0.7 of the way from the first to the last.
+    ways = np.linspace(-0.5, 0.5, runs) * spread / 0.7 if runs > 1 else np.zeros(runs)
+    return Summary(planner, 3, runs, {key: value * (1 + ways) for key, value in metrics.items()}, np.empty(0), None)
+
+
+@pytest.mark.parametrize(
+    ("others", "starred"),
+    [
+        ([{"mean": 4.0}, {"mean": 4.5}], [1]),
+        ([{"mean": 4.0, "spread": 0.1}, {"mean": 4.3, "spread": 0.1}], [1, 2]),  # 0.3 is within 0.4, 0.7 is not
+        ([{"mean": 4.0, "spread": 0.3}, {"mean": 4.3, "spread": 0.3}], []),  # 1.0 is less than 0.3 of 4
+        ([{"mean": 4.0, "spread": 0.1}, {"mean": 4.6, "spread": 0.01}], [1]),  # 0.6 is more than the best one spreads
+        ([{"mean": 4.0, "runs": 1}, {"mean": 4.5, "runs": 1}], []),  # how one run spreads is not known
+        ([{"mean": 4.99}, {"mean": 5.01}], []),  # less than is seen
+        ([{"mean": 4.0}, {"runs": 0}], [1]),
+        ([{"mean": 6.0}, {"mean": 7.0}], [0]),  # today's practice may have a mark, too
+    ],
+)
+def test_marks_stand_only_where_differences_are_larger_than_the_spread(others, starred):
+    rows = [summary_of("practice"), *(summary_of(f"ours {k}", **values) for k, values in enumerate(others))]
+    (mean,) = (column for column in compare._COLUMNS if column.metric == "danger_mean")
+    cells = [cell.plain for cell in mean.cells(rows, mark_best=True)]
+    assert [k for k, cell in enumerate(cells) if cell.endswith("*")] == starred
+    assert not any(cell.endswith("*") for cell in (cell.plain for cell in mean.cells(rows, mark_best=False)))
+
+
+@pytest.mark.parametrize(
+    ("ours", "words"),
+    [
+        (
+            {"peak": 3.69, "clearance": 65.2, "time": 5.1},
+            "SafePRM, simplified: peak danger 59 % below, 45 mm more clearance than today's practice, 4 ms more",
+        ),
+        (
+            {"peak": 9.9, "clearance": 11.0, "time": 0.2},
+            "SafePRM, simplified: peak danger 10 % above, 9 mm less clearance than today's practice, 1 ms less",
+        ),
+        ({}, "SafePRM, simplified: the same peak danger, the same clearance as today's practice, in the same time"),
+        (
+            {"peak": 8.1, "spread": 0.5},
+            "SafePRM, simplified: peak danger 10 % below (within the spread over the seeds), "
+            "the same clearance as today's practice, in the same time",
+        ),
+        ({"runs": 0}, "SafePRM: no path in 3 runs"),
+    ],
+)
+def test_the_last_line_says_in_words_what_the_table_has(ours, words):
+    assert compare.in_words(summary_of(PRACTICE), summary_of("SafePRM", **ours), "simplified") == words
+
+
+def test_the_safest_is_the_first_of_ours_that_none_of_ours_beats():
+    rows = [
+        summary_of(PRACTICE, mean=1.0),
+        summary_of("a", mean=5.0),
+        summary_of("b", mean=4.0),
+        summary_of("c", mean=4.01),
+    ]
+    assert compare.safest(rows).planner == "b"
+    assert compare.safest([*rows[:1], summary_of("none", runs=0), *rows[1:]]).planner == "b"
 
 
 @pytest.mark.usefixtures("quick_renderer")
