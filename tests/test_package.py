@@ -19,7 +19,7 @@ def test_unknown_names_are_no_attributes():
         safe_ompl.SafeOMPL  # noqa: B018
 
 
-def test_rooms_that_planning_does_without_come_later():
+def test_packages_that_planning_does_not_need_are_imported_later():
     code = (
         "import sys, safe_ompl\n"
         "later = ('safe_ompl.apps.benchmark', 'safe_ompl.live.replanning', 'safe_ompl.io', 'safe_ompl.drawing')\n"
@@ -76,7 +76,7 @@ def test_who_plans_imports_nothing_of_motions_in_time_or_of_people():
     done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
     loaded = set(done.stdout.split())
     assert "safe_ompl.planning.safe_setup" in loaded
-    rooms = ("motions", "live", "certificates", "drawing", "tasks")
-    others = {name for name in loaded if name.startswith(tuple(f"safe_ompl.{room}." for room in rooms))}
+    packages = ("motions", "live", "certificates", "drawing", "tasks")
+    others = {name for name in loaded if name.startswith(tuple(f"safe_ompl.{package}." for package in packages))}
     assert others == {"safe_ompl.motions.constraints"}
     assert not loaded & {"multiprocessing", "concurrent.futures", "difflib", "statistics"}

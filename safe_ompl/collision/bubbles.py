@@ -23,7 +23,7 @@ from safe_ompl.common import BoolArray, FloatArray
 from safe_ompl.geometry import DISTANCE_ERROR
 
 _TINY = 1e-200
-INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`docs/mathematics.md` §2)
+INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`docs/how-it-works.md` §2)
 _HALF_TURN = 3.1  # [rad] as far as a joint that wraps goes: at π both ways back are the same
 
 
@@ -37,7 +37,7 @@ def common_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
 
 
 def link_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
-    """Return the weights (n,) of the largest diamond in the bubble: w_i = max_p R_pi/d_p (`docs/mathematics.md` §3).
+    """Return the weights (n,) of the largest diamond in the bubble: w_i = max_p R_pi/d_p (`docs/how-it-works.md` §3).
 
     It holds the paper's (9), because max_p R_pi/d_p ≤ max_p R_pi/min_p d_p. Parameters as for `common_diamond`.
     """
@@ -60,7 +60,7 @@ def reach_along(motion: FloatArray, radii: FloatArray, distances: FloatArray) ->
 
 
 def diamond_meetings(u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return how N pairs of diamonds meet: gaps (N,) and shares (N, n) in [0, 1] (`docs/mathematics.md` §3).
+    """Return how N pairs of diamonds meet: gaps (N,) and shares (N, n) in [0, 1] (`docs/how-it-works.md` §3).
 
     `u` and `v` (N, n) are the weights of the first and of the second diamond times |q₂ − q₁|. The gap is the factor by
     which both must grow or shrink to touch, min_s max(Σ u_i s_i, Σ v_i (1 − s_i)): they intersect iff it is below 1.

@@ -172,7 +172,7 @@ class CollisionChecker:
     def pair_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the displacement radii (P, n) of the pairs that may touch at `q: (n,)`: tighter, but costlier.
 
-        They hold for motions that start at `q` (`docs/mathematics.md` §3).
+        They hold for motions that start at `q` (`docs/how-it-works.md` §3).
         """
         bodies = np.zeros((len(self._bodies.names), self.robot.n))
         bodies[: len(self.links)] = self.robot.bounds.displacement_radii_at(configuration(q, self.robot.n))

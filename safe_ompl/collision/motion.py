@@ -1,4 +1,4 @@
-"""Certified motions: proof that a whole edge is free, from a few queries (`docs/mathematics.md` §4)."""
+"""Certified motions: proof that a whole edge is free, from a few queries (`docs/how-it-works.md` §4)."""
 
 from __future__ import annotations
 
@@ -209,7 +209,7 @@ class MotionProver:
         """Check the motion q(t) = Σ_k c_k t^k, t in [0, 1], with coefficients (d + 1, n) [rad or m], d ≥ 1.
 
         Joint values are taken as they are: no continuous joint goes the short way. What is proven is the curve itself,
-        not a polygon near it (`docs/mathematics.md` §4). Where the verdict is not FREE, `at` is t. Limits of which
+        not a polygon near it (`docs/how-it-works.md` §4). Where the verdict is not FREE, `at` is t. Limits of which
         nothing is known but at single configurations are UNDECIDED. Raises InputError if the coefficients have another
         shape or are not finite.
         """

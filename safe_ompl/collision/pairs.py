@@ -136,7 +136,7 @@ class PairSet:
         How often obstacles have moved.
     radii : ndarray, shape (P, n)
         Displacement radii of each pair with obstacles where they are now: while the joints move by Δ, its two bodies
-        approach each other by at most Σ_i R_pi·|Δ_i| (`docs/mathematics.md` §3, §4).
+        approach each other by at most Σ_i R_pi·|Δ_i| (`docs/how-it-works.md` §3, §4).
     meets_obstacle : ndarray of bool, shape (P,)
         Which pairs are of a link and an obstacle.
     """

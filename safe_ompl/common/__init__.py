@@ -1,4 +1,4 @@
-"""Shared by all rooms: array types, checks of input, errors, documents, what models share, compiled kernels."""
+"""Shared by all packages: array types, checks of input, errors, documents, and models that threads share."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The kinetostatic danger field of moving link segments, in closed form (`docs/mathematics.md` §8, §9).
+"""The kinetostatic danger field of moving link segments, in closed form (`docs/how-it-works.md` §8, §9).
 
 The link a → b has the end velocities v_a, v_b; its point t ∈ [0, 1] the velocity v(t) = v_a + tD, D = v_b − v_a, and
 ρ = p − a − tw is the ray to the field point p, w = b − a, ℓ = ‖w‖. Three integrals over the link make the field:
@@ -413,7 +413,7 @@ def cell_bounds(
 ):
     """Return upper bounds of φ and of φ′ + γI over cells, (2, N, M), summed over links; +inf where p may be reached.
 
-    See `docs/mathematics.md` §9. A cell is a piece of a curve q(s), half of it h long on either side of its centre.
+    See `docs/how-it-works.md` §9. A cell is a piece of a curve q(s), half of it h long on either side of its centre.
     There no point of a link moves by more than V with s, nor with more than A along s (‖x′‖ ≤ V, ‖x″‖ ≤ A). With D the
     distance of p from the link at the centre no point of the link is nearer to p than R = D − Vh in the cell, so that
     its field is below U = φD/R. As 1/ρ² and 1/ρ³ are below 1/Rρ and 1/R²ρ there, and as ∇²(1/ρ) has the eigenvalues

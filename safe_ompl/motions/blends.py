@@ -31,7 +31,7 @@ def blended(
 ) -> Motion:
     """Return the path (N, n) with its corners rounded, within a tolerance [rad]; if it is 0 the robot stops in corners.
 
-    Of the blends of `docs/mathematics.md` §9 the largest within the tolerance is taken that uses no more than half of
+    Of the blends of `docs/how-it-works.md` §9 the largest within the tolerance is taken that uses no more than half of
     either edge and is proven; where none is, or nothing proves it, the robot stops in the corner. The parameter is the
     arc length of lines, and of blends nearly that. An InputError if the path does not move.
     """

@@ -135,9 +135,9 @@ def check(
 
     Notes
     -----
-    Positions, velocities and accelerations are bounded as polynomials, not sampled. Collision is proven of the curve
-    itself (`docs/mathematics.md` §4), and so are stops (§9). Of bare samples with a bound of the speed, it is proven of
-    all motions between.
+    Positions, velocities and accelerations are bounded as polynomials, not sampled. Freedom of collision is proven for
+    the curve itself (`docs/how-it-works.md` §4), and so are stops (§9). For bare samples with a bound of the velocity,
+    it is proven for every motion through the samples that keeps the bound.
     """
     return check_with(motion, _proof(robot, scene, constraints, tube), limits, people)
 

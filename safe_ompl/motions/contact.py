@@ -7,7 +7,7 @@ compression. In the frame that moves with v the energy ½Kc² + ½m(v − ẏ)²
 the mass is at rest first, so Kc ≤ v√(mK). What counts is the speed of the robot where it touches; that of the person is
 not counted.
 
-A limb is *clamped* between a body of the robot and a partner (`docs/mathematics.md` §9). It cannot yield: half of the
+A limb is *clamped* between a body of the robot and a partner (`docs/how-it-works.md` §9). It cannot yield: half of the
 force counts, and m_R, half of the mass of the robot's links, the public choice: an infinite one would forbid all
 motion there. The thickness of arms, hands, legs and feet is the diameter of their capsule, that of the trunk its
 breadth across the shoulders. Not counted are limbs that are held lengthwise, several of them in a row, and what another

@@ -1,6 +1,6 @@
 """Velocities along a curve, cell by cell: limits before people, the fastest time law, driving, stops; derivatives.
 
-Symbols and proofs are those of `docs/mathematics.md` §9. The stop from (s, ṡ) stays on the path. The faster it begins,
+Symbols and proofs are those of `docs/how-it-works.md` §9. The stop from (s, ṡ) stays on the path. The faster it begins,
 or the farther on in its cell, the longer it takes, for at the same ṡ it is at a place where β is no larger; what allows
 V stays true when V falls. At the end of the path, and in corners that are no blends, the robot stops: V² ≤ 2 Σ β h up
 to there.

@@ -1,4 +1,4 @@
-"""Stops beside people, from any place of a motion on (`docs/mathematics.md` §9): proven, or the speeds that allow them.
+"""Stops beside people from every instant of a motion (`docs/how-it-works.md` §9): proofs, and the speeds they allow.
 
 A stop stays on the motion, and the robot is gone from a cell, stands, or is so slow that a contact is harmless, before
 a limb may be there (`PeopleDistances`). Two questions are asked of the same cells, distances and limits of contact.

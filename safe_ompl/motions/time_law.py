@@ -1,7 +1,7 @@
 """Time laws: where on its curve a trajectory is at what time, with or without a limit of the jerk.
 
 Without it ṡ² is linear in every cell of the curve. With it such a law, the *plan* σ, is averaged over a window w; where
-the robot must stand the plan waits for w. `docs/mathematics.md` §9 says what the plan keeps to in all cells within
+the robot must stand the plan waits for w. `docs/how-it-works.md` §9 says what the plan keeps to in all cells within
 reach, by c_k, A_k and B_k, so that the average keeps the limits. Without people A = B; beside them B is larger, for
 stops.
 """

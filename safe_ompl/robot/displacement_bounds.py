@@ -255,7 +255,7 @@ class DisplacementBounds:
     def displacement_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the radii R (G, n) at `q: (n,)`: the distance of body g's farthest point from joint i's axis.
 
-        Between `q` and q + Δ no point of body g moves more than Σ_i R_gi·|Δ_i| (`docs/mathematics.md` §3).
+        Between `q` and q + Δ no point of body g moves more than Σ_i R_gi·|Δ_i| (`docs/how-it-works.md` §3).
         """
         rotation, origins, axes = (f[0] for f in self._robot.joint_frames(self._robot.configuration(q)[None]))
         joints, corners, pads, support = self.body_corners

@@ -22,7 +22,7 @@ from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array, wh
 from safe_ompl.geometry import rotation_vectors
 from safe_ompl.robot.robot import Robot
 
-METRES_PER_RADIAN = 0.25  # c of `docs/mathematics.md` §7: about the reach of a hand and what it holds
+METRES_PER_RADIAN = 0.25  # c of `docs/how-it-works.md` §7: about the reach of a hand and what it holds
 _ORTHONORMAL = 1e-6  # largest error of a rotation matrix
 _UNIT = 1e-3  # quaternions whose norm is as near to 1 are normalised; others are taken for mistakes
 

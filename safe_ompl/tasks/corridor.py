@@ -1,4 +1,4 @@
-"""Corridors of the tool: proof that the tip stays near a curve at every instant (`docs/mathematics.md` §9)."""
+"""Corridors of the tool: proof that the tip stays near a curve at every instant (`docs/how-it-works.md` §9)."""
 
 from __future__ import annotations
 

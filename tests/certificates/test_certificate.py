@@ -278,8 +278,8 @@ def provers_loaded_by(module):
     command = [sys.executable, "-c", LOADED.format(module=module)]
     loaded = subprocess.run(command, check=True, capture_output=True, text=True, timeout=120).stdout.split()
     assert module in loaded
-    rooms = tuple(f"safe_ompl.{room}." for room in PROVERS)
-    return [name for name in loaded if f"{name}.".startswith(rooms)]
+    packages = tuple(f"safe_ompl.{package}." for package in PROVERS)
+    return [name for name in loaded if f"{name}.".startswith(packages)]
 
 
 def test_the_verifier_loads_no_prover():

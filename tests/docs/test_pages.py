@@ -56,12 +56,12 @@ def test_files_and_modules_that_a_page_names_exist(page):
         assert pydoc.locate(name) is not None, f"{page.name}: {name}"
 
 
-def test_the_architecture_page_has_the_rooms_in_order_of_their_floors():
+def test_the_architecture_page_has_the_packages_in_order_of_their_layers():
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    table = text.split("| room |")[1].split("\n\n")[0]
-    rooms = [room.replace("/", ".") for room in re.findall(r"^\| ([\w/]+) \|", table, re.MULTILINE)]
-    floors = (ROOT / "tests" / "test_rooms.py").read_text(encoding="utf-8").split("FLOORS = (")[1].split(")")[0]
-    assert rooms == re.findall(r'^    "([\w.]+)",$', floors, re.MULTILINE)
+    table = text.split("| package |")[1].split("\n\n")[0]
+    packages = [name.replace("/", ".") for name in re.findall(r"^\| ([\w/]+) \|", table, re.MULTILINE)]
+    layers = (ROOT / "tests" / "test_architecture.py").read_text(encoding="utf-8").split("LAYERS = (")[1].split(")")[0]
+    assert packages == re.findall(r'^    "([\w.]+)",$', layers, re.MULTILINE)
 
 
 def test_all_pages_are_in_the_site():

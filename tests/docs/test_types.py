@@ -6,7 +6,7 @@ import sys
 import pytest
 from snippets import ROOT, python_of
 
-PAGES = ("README.md", "docs/goals.md", "docs/scene.md")
+PAGES = ("README.md", "docs/scenarios.md")
 OWN = """
 mesh, cloud = Mesh("wall.stl", scale=[1, 1, 1]), PointCloud(0.01, "cloud.ply")
 way = Motion.through([[0.0], [1.0]], names=["a"])

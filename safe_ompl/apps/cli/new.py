@@ -283,7 +283,7 @@ class New:
         x, y, z = person.pose.position
         yaw = _yaw(person)
         return f"""\
-# A scenario for safe-ompl; lengths in metres, angles in radians. What else there is: docs/scene.md and docs/goals.md
+# A scenario for safe-ompl; lengths in metres, angles in radians. What else there is: docs/scenarios.md
 name: {files.dump_line(self.file.stem)}
 
 # The joints in `locked` are held where it says.

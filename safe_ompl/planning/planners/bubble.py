@@ -57,7 +57,7 @@ class BubblePlanner(SafePlanner):
 
     Notes
     -----
-    The bubbles take in the robot's own pairs, and the radii at their centres (`docs/mathematics.md` §3).
+    The bubbles take in the robot's own pairs, and the radii at their centres (`docs/how-it-works.md` §3).
 
     The planner as it is printed in [1] is `PaperSafeBubble`, and with α = 0 `PaperBubble`. What differs here, and why:
 

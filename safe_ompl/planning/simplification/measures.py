@@ -86,7 +86,7 @@ class DangerReport:
     `profile` (101,) is the CDF at equal steps from start to goal, `max` the largest danger found. No configuration is
     more dangerous than `max_bound`, a proven bound; None where the path leaves the limits, infinity on a danger point.
     `integral` is ∫ CDF(q(s)) ds [field · rad], `avoidable` the part of it between two less dangerous places of the
-    path, above max(min_{t ≤ s} CDF(q(t)), min_{t ≥ s} CDF(q(t))) (`docs/danger.md`).
+    path, above max(min_{t ≤ s} CDF(q(t)), min_{t ≥ s} CDF(q(t))) (`docs/scenarios.md`).
     """
 
     profile: FloatArray

@@ -1,4 +1,4 @@
-"""The structure of the package: doors, floors and no circles; read from all imports, those inside functions too."""
+"""The architecture: packages import public names of lower layers only, without cycles; imports in functions count."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ import pytest
 import safe_ompl
 
 PACKAGE = Path(safe_ompl.__file__).parent
-NEEDS = {  # rooms that are nothing without an extra
-    "safe_ompl.live.ros": ("mcap", "rosbags")
-}
-FLOORS = (  # rooms; each imports from those before it only
+# These packages cannot be imported without an extra.
+NEEDS = {"safe_ompl.live.ros": ("mcap", "rosbags")}
+# Each package imports only from the packages before it.
+LAYERS = (
     "common",
     "geometry",
     "robot",
@@ -67,10 +67,10 @@ FILES = {module_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
 PACKAGES = {module for module, path in FILES.items() if path.name == "__init__.py"}
 
 
-def room_of(module):
-    """Return the innermost room of a module; nothing for the package itself."""
+def package_of(module):
+    """Return the innermost listed package of a module; an empty string for `safe_ompl` itself."""
     inside = module.removeprefix("safe_ompl.")
-    return max((room for room in FLOORS if f"{inside}.".startswith(f"{room}.")), key=len, default="")
+    return max((name for name in LAYERS if f"{inside}.".startswith(f"{name}.")), key=len, default="")
 
 
 def imports(module):
@@ -90,43 +90,44 @@ def imports(module):
                     yield Import(module, node.lineno, alias.name, "", node in for_types)
 
 
-DOORS = {module: getattr(import_module(module), "__all__", None) for module in sorted(PACKAGES)}
+PUBLIC_NAMES = {module: getattr(import_module(module), "__all__", None) for module in sorted(PACKAGES)}
 
 
 @cache
 def all_imports():
-    """Return all imports; not where tests are collected, which each process does."""
+    """Return all imports. This is a function because every worker collects the tests, and collecting must be quick."""
     return [found for module in FILES for found in imports(module)]
 
 
-def between_rooms():
-    """Return the imports of one room by another."""
+def between_packages():
+    """Return the imports of one listed package by another."""
     return [
         found
         for found in all_imports()
         if found.importer != "safe_ompl"
-        and (found.source, found.name) != ("safe_ompl", "")  # what is public, whatever room it comes from
-        and room_of(found.importer) != room_of(found.source)
+        and (found.source, found.name) != ("safe_ompl", "")
+        and package_of(found.importer) != package_of(found.source)
         and found.source not in EVERYWHERE
     ]
 
 
-def test_rooms_import_names_of_doors_only():
-    """Or a whole door, behind which nothing is imported before one of its names is used."""
-    past = [
+def test_packages_import_public_names_only():
+    """Importing a whole package is allowed, too: it imports its modules when one of its names is used."""
+    private = [
         found
-        for found in between_rooms()
-        if found.name not in (DOORS.get(found.source) or ()) and not (not found.name and DOORS.get(found.source))
+        for found in between_packages()
+        if found.name not in (PUBLIC_NAMES.get(found.source) or ())
+        and not (not found.name and PUBLIC_NAMES.get(found.source))
     ]
-    assert not past, "\n".join(map(str, past))
+    assert not private, "\n".join(map(str, private))
 
 
-def test_rooms_import_from_lower_floors_only():
-    def floor(module):
-        return FLOORS.index(room_of(module)) if room_of(module) else len(FLOORS)
+def test_packages_import_from_lower_layers_only():
+    def layer(module):
+        return LAYERS.index(package_of(module)) if package_of(module) else len(LAYERS)
 
-    inside = [found for found in between_rooms() if found.importer != "safe_ompl.__main__"]
-    upwards = [found for found in inside if floor(found.source) > floor(found.importer)]
+    inside = [found for found in between_packages() if found.importer != "safe_ompl.__main__"]
+    upwards = [found for found in inside if layer(found.source) > layer(found.importer)]
     assert not upwards, "\n".join(map(str, upwards))
 
 
@@ -141,16 +142,16 @@ def test_no_module_needs_itself_to_be_imported():
         if target in PACKAGES:
             target = homes.get((target, found.name), target)
         sources.setdefault(found.importer, set()).add(target)
-    tuple(TopologicalSorter(sources).static_order())  # raises CycleError, which names the circle
+    tuple(TopologicalSorter(sources).static_order())  # raises CycleError
 
 
-@pytest.mark.parametrize("door", [door for door, names in DOORS.items() if names])
-def test_doors_hold_what_they_list(door):
-    for needed in NEEDS.get(door, ()):
+@pytest.mark.parametrize("package", [package for package, names in PUBLIC_NAMES.items() if names])
+def test_public_names_exist(package):
+    for needed in NEEDS.get(package, ()):
         pytest.importorskip(needed)
-    module, names = import_module(door), DOORS[door] or ()
+    module, names = import_module(package), PUBLIC_NAMES[package] or ()
     assert sorted(names) == sorted(set(names))
     for name in names:
         found = getattr(module, name)
-        # A module of the same name would take the place of what the door hands out once it is imported.
-        assert f"{door}.{name}" not in FILES or found is import_module(f"{door}.{name}")
+        # A module of the same name would replace the public name once the module is imported.
+        assert f"{package}.{name}" not in FILES or found is import_module(f"{package}.{name}")
