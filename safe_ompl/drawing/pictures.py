@@ -8,8 +8,8 @@ from importlib.util import find_spec
 from io import BytesIO
 from os import cpu_count
 from pathlib import Path
-from textwrap import shorten
-from typing import TYPE_CHECKING, Any
+from textwrap import shorten, wrap
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,9 +205,11 @@ def _clearances(setup: SafeSetup, path: FloatArray) -> dict[str, FloatArray]:
 
 _CAPTION = "grey: start    colour: goal    translucent: on the way    line: path of the tip"
 _PLANNED = ", thin: before it was simplified"
-_GUTTER, _HEADING, _FOOT = 14, 52, 30  # [px] between panels, above each row, and below all
-_LETTER = 7  # [px], how wide one of a subtitle is
+_GUTTER = 14  # [px] between panels
+_LETTER = 0.56  # heights of a letter, how wide one is on average
 _DARK, _GREY = (77, 77, 77), (102, 102, 102)  # of subtitles, and of the line below all
+_LARGE = (760, 600)  # [px] of a panel
+_MOST_ALIKE = 4  # paths in panels of one size; of more the first two are large, and four others are as wide
 
 
 def render_comparison(
@@ -217,33 +219,40 @@ def render_comparison(
     file: str | Path,
     *,
     panel: tuple[int, int] | None = None,
+    words: str = "",
 ) -> None:
-    """Draw the paths of several planners, one panel each, and save the picture as a PNG file; see `render_path`.
+    """Draw the robot along a path per planner, one panel each, and save the picture as a PNG file; see `render_path`.
 
     The paths are by planner, in its colour; results say their danger and clearance, too. Panels have a width and height
-    [px], by default they are smaller the more there are. Raises InputError if there is no path or one cannot be used,
-    and SafeOmplError if Matplotlib and Pillow are not installed.
+    [px]; of more than four paths the first two do, and the others are half as large. Above all stand `words`. Raises
+    InputError if there is no path or one cannot be used, and SafeOmplError if Matplotlib and Pillow are not installed.
     """
     styles = planner_styles(paths)
-    size = panel or {1: (900, 700), 2: (760, 640), 4: (760, 640)}.get(len(paths), (620, 520))
+    large = panel or {1: (900, 700), 3: (620, 520)}.get(len(paths), _LARGE)
+    sizes = [large] * len(paths)
+    if len(paths) > _MOST_ALIKE:
+        width = (large[0] - _GUTTER) // 2
+        sizes[2:] = [(width, large[1] * width // large[0])] * (len(paths) - 2)
     drawn = DrawnScene(robot, scene, [_way_points(path) for path in paths.values()])
-    renderer = Renderer(drawn.floor, best_view(drawn, size), size)
-    images = [_draw(drawn, renderer, path, styles[name].colour) for name, path in paths.items()]
-    results = [path if isinstance(path, PlanResult) else None for path in paths.values()]
-    simplified = any(result is not None and result.planned_path is not None for result in results)
-    page = _panels(images, list(paths), [_facts(result) for result in results], _CAPTION + _PLANNED * simplified)
-    save_picture(np.asarray(page), file)
+    camera = best_view(drawn, large)
+    renderers = {size: Renderer(drawn.floor, camera, size) for size in dict.fromkeys(sizes)}
+    panels = []
+    for (name, path), size in zip(paths.items(), sizes, strict=True):
+        image = _draw(drawn, renderers[size], path, styles[name].colour)
+        panels.append(_Panel(image, name, _facts(path) if isinstance(path, PlanResult) else ""))
+    simplified = any(isinstance(path, PlanResult) and path.planned_path is not None for path in paths.values())
+    save_picture(np.asarray(_panels(panels, words, _CAPTION + _PLANNED * simplified)), file)
 
 
-def _facts(result: PlanResult | None) -> str:
-    """Return danger and clearance of a result in words."""
-    if result is None or result.report is None:
+def _facts(result: PlanResult) -> str:
+    """Return danger and clearance of a result in words, on two lines."""
+    if result.report is None:
         return ""
     danger, clearance = result.report.danger, result.report.clearance
-    facts = [] if danger is None else [f"danger: mean {danger.mean:.1f}, max {danger.max:.1f}"]
+    facts = [] if danger is None else [f"danger: mean {danger.mean:.1f}, peak {danger.max:.1f}"]
     if clearance.obstacle is not None:
-        facts.append(f"clearance: min {1e3 * clearance.min:.0f} mm")
-    return "; ".join(facts)
+        facts.append(f"least clearance: {1e3 * clearance.min:.0f} mm")
+    return "\n".join(facts)
 
 
 def save_picture(image: Image, file: str | Path) -> None:
@@ -258,28 +267,64 @@ def save_picture(image: Image, file: str | Path) -> None:
         imsave(stream, image, format=kind, pil_kwargs={"compress_level": _COMPRESSION} if kind == "png" else None)
 
 
-def _panels(images: Sequence[Image], titles: Sequence[str], subtitles: Sequence[str], caption: str = "") -> Any:
-    """Return one picture of Pillow: equal panels with a title and a subtitle above each, and a line below all."""
-    count, (height, width) = len(images), images[0].shape[:2]
-    # From five on three or four, whichever fills the lines
-    columns = count if count <= 3 else 2 if count == 4 else min((4, 3), key=lambda columns: -count % columns)
-    rows = -(-count // columns)
-    foot = _FOOT if caption else 0
-    size = columns * (width + _GUTTER) + _GUTTER, rows * (height + _HEADING) + foot
+class _Panel(NamedTuple):
+    """A picture with a title and a subtitle, of one line or several, above it."""
+
+    image: Image
+    title: str
+    subtitle: str
+
+    @property
+    def letters(self) -> tuple[int, int]:
+        """How high letters of title and subtitle are [px]."""
+        width = self.image.shape[1]
+        return max(18, width // 30), max(15, width // 36)
+
+    @property
+    def heading(self) -> int:
+        """How high title and subtitle are [px]."""
+        title, subtitle = self.letters
+        return round(1.6 * title + 1.3 * subtitle * (1 + self.subtitle.count("\n")))
+
+
+def _panels(panels: Sequence[_Panel], words: str = "", caption: str = "") -> Any:
+    """Return one picture of Pillow: panels in rows, with a title and a subtitle above each; words above, a line below.
+
+    A page is as wide as two panels that are followed by smaller ones; else as panels of one size fill the rows best.
+    """
     try:
         from PIL import Image as Picture, ImageDraw
     except ImportError as missing:
         raise SafeOmplError("pictures need Pillow: pip install 'safe-ompl[plots]'") from missing
-    page = Picture.new("RGB", size, "white")
+    count, first = len(panels), panels[0].image.shape[1]
+    columns = count if count <= 3 else 2 if count == 4 else min((4, 3), key=lambda columns: -count % columns)
+    if panels[-1].image.shape[1] < first:
+        columns = 2
+    width = columns * (first + _GUTTER) + _GUTTER
+    small, large = max(14, width // 95), max(16, width // 75)
+    lines = wrap(words, int(width / (_LETTER * large)))
+    left, top = _GUTTER, round(1.5 * large * len(lines))
+    places = []
+    for k, panel in enumerate(panels):
+        height, across = panel.image.shape[:2]
+        if k and left + across > width:
+            left, top = _GUTTER, top + panels[k - 1].heading + panels[k - 1].image.shape[0]
+        places.append((left, top + panel.heading))
+        left += across + _GUTTER
+    bottom = places[-1][1] + height
+    page = Picture.new("RGB", (width, bottom + (2 * small if caption else 0)), "white")
     pen = ImageDraw.Draw(page)
-    for k, (image, title, subtitle) in enumerate(zip(images, titles, subtitles, strict=True)):
-        left = _GUTTER + (k % columns) * (width + _GUTTER)
-        top = (k // columns) * (height + _HEADING) + _HEADING
-        page.paste(Picture.fromarray(image), (left, top))
-        pen.text((left + 2, top - 28), title, "black", _font(18, "-Bold"), "ls")
-        fitting = shorten(subtitle, width // _LETTER, placeholder=" …")
-        pen.text((left + 2, top - 9), fitting, _DARK, _font(14), "ls")
-    pen.text((_GUTTER + 2, size[1] - 10), caption, _GREY, _font(13), "ls")
+    for k, line in enumerate(lines):
+        pen.text((_GUTTER + 2, round(1.5 * large * (k + 0.8))), line, "black", _font(large), "ls")
+    for panel, (left, top) in zip(panels, places, strict=True):
+        title, subtitle = panel.letters
+        page.paste(Picture.fromarray(panel.image), (left, top))
+        at = top - panel.heading + round(1.3 * title)
+        pen.text((left + 2, at), panel.title, "black", _font(title, "-Bold"), "ls")
+        for k, line in enumerate(panel.subtitle.split("\n"), 1):
+            fitting = shorten(line, int(panel.image.shape[1] / (_LETTER * subtitle)), placeholder=" …")
+            pen.text((left + 2, at + round(1.3 * subtitle * k)), fitting, _DARK, _font(subtitle), "ls")
+    pen.text((_GUTTER + 2, bottom + round(1.4 * small)), caption, _GREY, _font(small), "ls")
     return page
 
 
@@ -316,7 +361,7 @@ def save_animation(content: ViewerContent, file: str | Path) -> None:
     paths = {name: content.along(name, shares) for name in content.paths}
     captions = [_captions(content, name, way, shares) for name, way in paths.items()]
     pages = [
-        _panels(images, list(paths), [words[k] for words in captions])
+        _panels([_Panel(*shown) for shown in zip(images, paths, [words[k] for words in captions], strict=True)])
         for k, images in enumerate(_frames(content, paths, shares * content.playing_time))
     ]
     duration = round(1e3 * content.playing_time / (len(shares) - 1))  # [ms] of a frame

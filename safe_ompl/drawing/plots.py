@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError
 from safe_ompl.drawing.page import ALARM, ALONG, DANGER, DPI, GREY, add_legend_above, curve, draw_limit, page, set_title
-from safe_ompl.drawing.style import Colour, cap_colours, planner_styles, shades
+from safe_ompl.drawing.style import Colour, PlannerStyle, cap_colours, planner_styles, shades
 from safe_ompl.io import ACCELERATION
 from safe_ompl.motions import MotionCheck, MotionDanger, Trajectory
 from safe_ompl.planning import Tradeoff
@@ -304,40 +304,64 @@ def plot_program(result: ProgramResult, file: str | Path | None, *, dpi: int = D
     return figure
 
 
-_MOST_IN_AXES = 5  # planners whose legend finds room among their curves or points
+_MOST_IN_AXES = 4  # planners whose bands can be told apart in one axes
+_COLUMNS = 4  # of small axes
+_BAND = (15, 85)  # [%] of the runs
 
 
 def plot_profiles(
     profiles: Mapping[str, FloatArray], file: str | Path, *, title: str = "Mean danger along the path"
 ) -> Any:
-    """Draw the mean danger profile of each planner in one axes (after Figs. 7 and 11 of the paper).
+    """Draw the mean danger profile of each planner, with a band of 15 to 85 % of the runs (after Figs. 7 and 11).
 
     Profiles are arrays (R, S): danger at S equal steps of the path, one row for each of R runs; no rows if none was
-    solved.
+    solved. Up to four planners share one axes. Of more the first two have large axes, and each other one has small axes
+    of its own, with the mean of the first planner.
     """
-    many = len(profiles) > _MOST_IN_AXES  # then the legend stands beside them
-    with page(file, 9.0 if many else 7.0, 4.4) as figure:
-        axes = figure.add_subplot()
-        for name, style in planner_styles(profiles).items():
-            runs = profiles[name]
-            line = runs.mean(axis=0) if len(runs) else []
-            axes.plot(
-                np.linspace(0.0, 1.0, len(line)),
-                line,
-                label=name if len(runs) else f"{name} (no runs)",
-                color=style.colour,
-                linewidth=2.6 if style.strong else 1.9,
-                linestyle=(0, style.dashes) if style.dashes else "-",
-                zorder=3 if style.strong else 2,
-            )
-        axes.set(xlabel=ALONG, ylabel=DANGER, xlim=(0.0, 1.0))
-        axes.set_ylim(bottom=0.0)
-        axes.set_title(title)
-        if many:
-            figure.legend(loc="outside right upper", handlelength=3.2)
-        else:
-            axes.legend(handlelength=3.2)
+    first, *others = profiles
+    large = [first, *others] if len(profiles) <= _MOST_IN_AXES else [first, others[0]]
+    small = [name for name in others if name not in large]
+    rows = -(-len(small) // _COLUMNS)
+    styles = planner_styles(profiles)
+    with page(file, 7.0 if not small else 10.0, 4.4 + 1.9 * rows) as figure:
+        grid = figure.add_gridspec(1 + rows, _COLUMNS, height_ratios=[4.4, *[1.9] * rows])
+        upper = figure.add_subplot(grid[0, :])
+        for name in large:
+            _draw_profile(upper, name, profiles[name], styles[name])
+        upper.set(xlabel=ALONG, ylabel=DANGER, xlim=(0.0, 1.0))
+        set_title(figure, title)
+        add_legend_above(upper, 10.0, handlelength=2.6)
+        note = f"line: mean, band: {_BAND[0]} to {_BAND[1]} % of the runs"
+        upper.text(0.99, 0.03, note, ha="right", color=GREY, fontsize=9, transform=upper.transAxes)
+        for k, name in enumerate(small):
+            axes = figure.add_subplot(grid[1 + k // _COLUMNS, k % _COLUMNS], sharex=upper, sharey=upper)
+            if len(profiles[first]):
+                shown = profiles[first].mean(axis=0)
+                axes.plot(np.linspace(0.0, 1.0, len(shown)), shown, color=styles[first].colour, linewidth=1.2)
+            line = _draw_profile(axes, name, profiles[name], styles[name])
+            axes.set_title(line.get_label(), fontsize=10)
+            axes.tick_params(labelsize=9, labelleft=k % _COLUMNS == 0, labelbottom=k + _COLUMNS >= len(small))
+        upper.set_ylim(bottom=0.0)
+        upper.locator_params(axis="y", nbins=5)
     return figure
+
+
+def _draw_profile(axes: Any, name: str, runs: FloatArray, style: PlannerStyle) -> Any:
+    """Draw the mean of profiles (R, S) and their band, and return the line."""
+    along = np.linspace(0.0, 1.0, runs.shape[-1])
+    low, high = np.percentile(runs, _BAND, axis=0) if len(runs) else ([], [])
+    if len(runs):
+        axes.fill_between(along, low, high, color=style.colour, alpha=0.18, linewidth=0)
+    (line,) = axes.plot(
+        along if len(runs) else [],
+        runs.mean(axis=0) if len(runs) else [],
+        label=name if len(runs) else f"{name} (no runs)",
+        color=style.colour,
+        linewidth=2.6 if style.strong else 1.9,
+        linestyle=(0, style.dashes) if style.dashes else "-",
+        zorder=3 if style.strong else 2,
+    )
+    return line
 
 
 def plot_tradeoff(front: Tradeoff, file: str | Path | None, *, title: str = "What safety costs") -> Any:

@@ -38,6 +38,8 @@ _KINDS: dict[str, tuple[tuple[float, ...], bool]] = {
     "PaperSafe": ((1.0, 1.2), True),
     "Paper": ((3.0, 1.2, 1.0, 1.2), False),
 }
+# Today's practice in comparisons: distinct from the safe planners to the colour-blind, too.
+_PRACTICE = "#c8452b"
 _OTHERS = ("#596675", "#8b96a1", "#3a444f", "#aab2ba")
 _OTHER_DASHES: tuple[tuple[float, ...], ...] = ((4.0, 1.5), (1.2, 1.2), (6.0, 1.5, 1.2, 1.5), (2.5, 1.0))
 
@@ -46,7 +48,8 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
     """Return the looks of planners by name.
 
     Safe planners get a strong colour and a solid line, "Classic…" ones a pale tone of the same hue and dashes, those as
-    printed ("Paper…") the same colours with dots, and all others slate greys in their order.
+    printed ("Paper…") the same colours with dots, today's practice ("OMPL …") a red, and all others slate greys in
+    their order.
     """
     styles: dict[str, PlannerStyle] = {}
     others = cycle(zip(_OTHERS, _OTHER_DASHES, strict=True))
@@ -55,7 +58,9 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
         kind = next((kind for kind in _KINDS if name.startswith(kind)), None)
         if kind is None and family is not None and name.startswith(f"{family}Planner"):
             kind = "Safe"
-        if family is None or kind is None:
+        if name.startswith("OMPL "):
+            colour, dashes, strong = _PRACTICE, (), True
+        elif family is None or kind is None:
             (colour, dashes), strong = next(others), False
         else:
             dashes, strong = _KINDS[kind]

@@ -24,7 +24,7 @@ PROFILES = {
 # ------------------------------------------------------------------------------------------------ pictures
 
 
-def test_profiles_show_the_mean_of_each_planner(tmp_path):
+def test_profiles_show_the_mean_of_each_planner_and_the_spread(tmp_path):
     before = dict(matplotlib.rcParams)
     figure = plot_profiles(PROFILES, tmp_path / "new" / "profiles.png")
     axes = figure.axes[0]
@@ -32,9 +32,22 @@ def test_profiles_show_the_mean_of_each_planner(tmp_path):
     assert list(curves) == ["RRTConnect", "SafeRRTConnect", "BITstar (no runs)"]
     assert curves["RRTConnect"].get_ydata() == pytest.approx(np.linspace(2.5, 4.5, 11))
     assert curves["RRTConnect"].get_xdata()[[0, -1]] == pytest.approx([0.0, 1.0])
+    band, no_spread = (collection.get_paths()[0].get_extents() for collection in axes.collections)
+    assert (band.y0, band.y1) == pytest.approx((1.0 + 0.15 * 3, 3.0 + 0.85 * 3))  # of the values 0 to 3 above a line
+    assert (no_spread.y0, no_spread.y1) == pytest.approx((1.0, 1.0))
     assert axes.get_xlabel() == "along the path, from start to goal"
     assert imread(tmp_path / "new" / "profiles.png").shape[:2] == (660, 1050)
     assert dict(matplotlib.rcParams) == before  # the style of others is left alone
+
+
+def test_of_many_profiles_two_are_large_and_each_other_one_stands_beside_the_first(tmp_path):
+    profiles = {name: np.full((3, 5), float(k)) for k, name in enumerate("abcdef", 1)}
+    upper, *small = plot_profiles(profiles, tmp_path / "profiles.png").axes
+    assert [line.get_label() for line in upper.get_lines()] == ["a", "b"]
+    assert [axes.get_title(loc="left") for axes in small] == ["c", "d", "e", "f"]
+    for level, axes in enumerate(small, 3):
+        assert [line.get_ydata().tolist() for line in axes.get_lines()] == [[1.0] * 5, [float(level)] * 5]
+        assert axes.get_ylim() == upper.get_ylim()
 
 
 def test_a_plan_shows_levels_and_the_closest_approach(tmp_path):

@@ -183,10 +183,23 @@ def test_a_comparison_is_saved_with_a_panel_per_planner(planar, scene, tmp_path)
     file = tmp_path / "new" / "paths.png"
     render_comparison(planar, scene, {"SafePRM": PATH, "SafeRRTConnect": planned(PATH[::2], PATH)}, file, panel=SMALL)
     image = imread(file)
-    assert image.shape[:2] == (72 + 52 + 30, 2 * 96 + 3 * 14)
-    left, right = image[52:124, 14:110], image[52:124, 124:220]
+    head, foot = 48, 28
+    assert image.shape[:2] == (72 + head + foot, 2 * 96 + 3 * 14)
+    left, right = image[head : head + 72, 14:110], image[head : head + 72, 124:220]
     assert ((left[..., 1] - left[..., 0]) > 0.3).any()
     assert ((right[..., 2] - right[..., 0]) > 0.3).any()
+
+
+def test_of_many_paths_two_are_large(planar, scene, tmp_path):
+    names = ("OMPL RRTConnect + OMPL's simplifier", "SafeRRTConnect", "SafePRM", "ClassicPRM", "RRT")
+    render_comparison(planar, scene, dict.fromkeys(names, PATH), tmp_path / "paths.png", panel=SMALL, words="a b")
+    image = imread(tmp_path / "paths.png")
+    words, head, foot = 24, 48, 28
+    assert image.shape[:2] == (words + 2 * head + 72 + 30 + foot, 2 * 96 + 3 * 14)  # the others are 41 by 30
+    practice = image[words + head : words + head + 72, 14:110]
+    assert ((practice[..., 0] - practice[..., 1:3].max(axis=2)) > 0.3).any(), "practice is red"
+    third = image[words + 2 * head + 72 :, 14:55][:30]
+    assert ((third[..., 1] - third[..., 0]) > 0.2).any(), "SafePRM is green"
 
 
 # ------------------------------------------------------------------------------------------------- bad input

@@ -122,7 +122,7 @@ def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -
         with console.status("drawing"):
             plots.plot_profiles({summary.planner: summary.profiles for summary in shown}, folder / "profiles.png")
             if typical:
-                render_comparison(setup.robot, setup.scene, typical, folder / "paths.png")
+                render_comparison(setup.robot, setup.scene, typical, folder / "paths.png", words=words)
     console.print(f"report{'' if advice else ' and pictures'} in {folder}")
     console.print(f"see them move: safe-ompl view {campaign.scenario.file or name}")
     return status or int(not all(summary.solved for summary in summaries))
