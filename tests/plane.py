@@ -6,6 +6,7 @@ import numpy as np
 from ompl import base as ob
 
 EXACT, TIMEOUT = ob.PlannerStatus.EXACT_SOLUTION, ob.PlannerStatus.TIMEOUT
+APPROXIMATE = ob.PlannerStatus.APPROXIMATE_SOLUTION
 START, GOAL = (-0.8, 0.0), (0.8, 0.0)
 
 

@@ -171,10 +171,10 @@ class PlanningRun:
         """Plan again and again until the time is up, and keep the best path; see `optimise`."""
         setup, begin = self._setup, perf_counter()
         before, simplifier = replace(setup.counts), setup.simplifier
-        nodes, status = 0, "Timeout"
+        nodes, status, solved = 0, "Timeout", False
 
         def search(start: int, left: float) -> FloatArray | None:
-            nonlocal nodes, status
+            nonlocal nodes, status, solved
             if start:
                 setup.clear()
                 if isinstance(self._planner, SafePlanner):
@@ -182,9 +182,10 @@ class PlanningRun:
             found = setup.solve(max(left, _SHORTEST))
             nodes += nodes_of(self._planner)
             if not setup.haveExactSolutionPath():
+                status = status if solved else found.asString()
                 return None
-            status, path = found.asString(), setup.solution()
-            return np.asarray(path)
+            status, solved = found.asString(), True
+            return np.asarray(setup.solution())
 
         found = optimise(search, simplifier, time - (perf_counter() - begin), stop)
         path, improvements = found.settled(simplifier)

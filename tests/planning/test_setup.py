@@ -65,7 +65,9 @@ def test_no_solution_in_time(crank):
     setup.setConfigurations([-1.0], [1.0])
     result = setup.plan(time=0.2)
     assert not result
-    assert (result.path, result.report, result.status) == (None, None, "Timeout")
+    assert (result.path, result.report, result.status) == (None, None, "Approximate solution")
+    assert setup.haveSolutionPath()
+    assert not setup.haveExactSolutionPath()
     found = result.as_dict()
     assert (found["solved"], found["path"], found["certified"]) == (False, None, False)
 

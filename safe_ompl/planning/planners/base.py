@@ -217,7 +217,10 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def solve(self, ptc: Any) -> Any:
         """Search until a path is found or `ptc` fires, a termination condition or a time limit [s].
 
-        The status is EXACT_SOLUTION, TIMEOUT, INVALID_START, INVALID_GOAL or UNRECOGNIZED_GOAL_TYPE.
+        The status is EXACT_SOLUTION, APPROXIMATE_SOLUTION, TIMEOUT, INVALID_START, INVALID_GOAL or
+        UNRECOGNIZED_GOAL_TYPE. Where no path was found in time, the path that comes nearest to the goal is the
+        approximate solution. Its difference is the distance that the goal measures. There is none where nothing that
+        was reached is nearer to the goal than a start.
         """
         if isinstance(ptc, (int, float)):
             ptc = ob.timedPlannerTerminationCondition(float(ptc))
@@ -336,14 +339,22 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._take_goals(ptc)
         if not self._structure.has_goals:
             return ob.PlannerStatus.TIMEOUT if ptc() else ob.PlannerStatus.INVALID_GOAL
-        path = self._search(ptc)
+        path, difference = self._search(ptc), 0.0
         if path is None:
-            return ob.PlannerStatus.TIMEOUT
+            path = self._approach()
+            if len(path) == 1:
+                return ob.PlannerStatus.TIMEOUT
+            if not goal.isSatisfied(end := self._problem.state(path[-1])):
+                difference = goal.distanceGoal(end)
         solution = og.PathGeometric(self.getSpaceInformation())
         for q in path:
             solution.append(self._problem.state(q))
-        problem.addSolutionPath(solution, False, 0.0, self.getName())
-        return ob.PlannerStatus.EXACT_SOLUTION
+        problem.addSolutionPath(solution, difference > 0.0, difference, self.getName())
+        return ob.PlannerStatus.APPROXIMATE_SOLUTION if difference > 0.0 else ob.PlannerStatus.EXACT_SOLUTION
+
+    def _approach(self) -> FloatArray:
+        """Return the free path (N, n) from a start to what was reached nearest to a goal."""
+        return self._structure.approach(self._bridge)
 
     def _read_objective(self) -> None:
         """Read the problem's objective; what was built under another one is dropped, as its costs are stale."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -194,6 +194,9 @@ class BubblePlanner(SafePlanner):
         return metres * cost.usual_value * np.log1p(cost.values(points) / cost.usual_value)
 
     # -------------------------------------------------------------------------------------------- the trees
+
+    def _approach(self) -> FloatArray:
+        return free_part(self._problem, super()._approach())
 
     def _forget(self) -> None:
         self._validity = bubble_validity(self.getSpaceInformation(), self.getName())
@@ -386,6 +389,13 @@ def intersect(problem: PlanningProblem, tree: VolumeTree, new: int, other: Volum
                 second.cut(home[max(k - len(out) - 1, 0)])
             return None
     return problem.bridge.wrapped(path)
+
+
+def free_part(problem: PlanningProblem, path: FloatArray) -> FloatArray:
+    """Return a path (N, n) of bubbles as far as the motion validator, which may know more than these, lets it."""
+    path = problem.bridge.wrapped(path)
+    free = takewhile(lambda ends: problem.motion_is_free(*ends), pairwise(path))
+    return np.vstack([path[:1], *(end for _, end in free)])
 
 
 def bubble_validity(si: Any, name: str) -> CollisionFreeValidity:

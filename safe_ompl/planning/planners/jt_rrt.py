@@ -277,6 +277,11 @@ class Approach(Trees):
         """Whether there is a goal."""
         return self._goal is not None
 
+    def approach(self, bridge: StateBridge) -> FloatArray:
+        """Return the branch (N, n) to the node whose tip is nearest to the goal."""
+        self.measure()
+        return self.start.branch(int(np.argmin(self.distances)))
+
     def graph(self) -> PlannerGraph:
         """Return what has been built: the goal is where the tree arrived."""
         goals = [] if self.arrived is None else [self.arrived]

@@ -13,7 +13,14 @@ from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl import WorkspaceGoal
 from safe_ompl.planning.planners.base import Parameter, Query, SafePlanner
-from safe_ompl.planning.planners.bubble import JointMetric, VolumeTree, bubble_validity, intersect, volume_trees
+from safe_ompl.planning.planners.bubble import (
+    JointMetric,
+    VolumeTree,
+    bubble_validity,
+    free_part,
+    intersect,
+    volume_trees,
+)
 from safe_ompl.planning.planners.growth import Extension, Tree
 from safe_ompl.planning.planners.jt_rrt import STALLED, Approach
 from safe_ompl.planning.planners.problem import PlanningProblem
@@ -91,7 +98,7 @@ class PaperSafeRRTConnect(SafePlanner):
 class PaperSafePRM(SafePlanner):
     """SAFE_PRM_PLANNER as it is printed in [1], §4.2; with α = 0 `PaperPRM`.
 
-    N samples are drawn once; where they do not suffice, the planner gives up with the status TIMEOUT. Where the print
+    N samples are drawn once; where they do not suffice, the planner gives up. Where the print
     leaves something open it is read so: the roots wait in Open and are closed once; g is measured in the 1-norm, as h
     is, which would not underestimate it in another; a milestone that is offered twice takes the better offer; two
     graphs that met are connected even where an Open list has become empty.
@@ -370,6 +377,9 @@ class PaperSafeBubble(SafePlanner):
         bridge = self._bridge
         points = bridge.inside(bubble.vertices(bridge.lower, bridge.upper, bridge.circular))
         return points[self._metric.separations(bubble.q, points) > 1e-9]
+
+    def _approach(self) -> FloatArray:
+        return free_part(self._problem, super()._approach())
 
     def _forget(self) -> None:
         self._validity = bubble_validity(self.getSpaceInformation(), self.getName())

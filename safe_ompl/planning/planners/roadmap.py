@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise, takewhile
 from math import inf
 
 import numpy as np
@@ -9,7 +10,8 @@ import numpy as np
 from safe_ompl.common import BoolArray, FloatArray, IntArray
 from safe_ompl.planning.planners.growth import ROOT, branch
 from safe_ompl.planning.planners.problem import PlanningProblem
-from safe_ompl.planning.planners.tree import PlannerGraph
+from safe_ompl.planning.planners.tree import PlannerGraph, nearest_row
+from safe_ompl.robot import StateBridge
 
 _WORST_COST = 1e100  # stands for infinity and NaN: such milestones come last, but they come
 
@@ -150,6 +152,24 @@ class Roadmap:
     def has_goals(self) -> bool:
         """Whether there is a goal."""
         return bool(self.goals)
+
+    def approach(self, bridge: StateBridge) -> FloatArray:
+        """Return a free path (N, n) from a start to the milestone in its reach that is nearest to a goal."""
+        neighbors: dict[int, list[int]] = {}
+        for (first, second), is_free in self.edges.items():
+            if is_free:
+                neighbors.setdefault(first, []).append(second)
+                neighbors.setdefault(second, []).append(first)
+        parents, reached = dict.fromkeys(self.starts, ROOT), list(self.starts)
+        for milestone in reached:  # which grows meanwhile
+            new = [other for other in neighbors.get(milestone, ()) if other not in parents]
+            parents.update(dict.fromkeys(new, milestone))
+            reached += new
+        path = branch(
+            parents, reached[nearest_row(bridge, self.configurations[reached], self.configurations[self.goals])]
+        )
+        free = takewhile(lambda edge: self.check(*edge), pairwise(path))  # as it is driven
+        return np.asarray(self.configurations[[path[0], *(end for _, end in free)]])
 
     def graph(self) -> PlannerGraph:
         """Return what was ever reached."""

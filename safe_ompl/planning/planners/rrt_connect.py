@@ -44,7 +44,7 @@ class SafeRRTConnect(SafePlanner):
         nothing is dangerous. It acts where α > 0, in turns that do not ignore danger (`danger_decay`), and needs a
         `CertifiedMotionValidator`. 0 for none.
     iterations : int >= 0, default 0
-        K: how many turns the trees take before the planner gives up, with the status TIMEOUT; 0: until time is up.
+        K: how many turns the trees take before the planner gives up; 0: until time is up.
 
     Notes
     -----

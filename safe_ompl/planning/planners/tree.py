@@ -9,7 +9,7 @@ from ompl import base as ob
 
 from safe_ompl.common import Counts, FloatArray, IntArray
 from safe_ompl.planning.ompl import StateCost
-from safe_ompl.planning.planners.growth import Tree
+from safe_ompl.planning.planners.growth import Tree, branch
 from safe_ompl.robot import StateBridge
 
 
@@ -51,6 +51,11 @@ class TwoTrees(Generic[AnyTree]):
         """Whether there is a goal."""
         return len(self.goal) > 0
 
+    def approach(self, bridge: StateBridge) -> FloatArray:
+        """Return the branch (N, n) from a start to the node that is nearest to a goal; N = 1 where that is a start."""
+        (rows, parents), (back, followers) = self.start.nodes(), self.goal.nodes()
+        return np.asarray(rows[branch(parents, nearest_row(bridge, rows, back[followers < 0]))])
+
     def graph(self) -> PlannerGraph:
         """Return what has been built; a configuration of both trees, where they have met, is one vertex."""
         (there, parents), (back, followers) = self.start.nodes(), self.goal.nodes()
@@ -66,6 +71,12 @@ class TwoTrees(Generic[AnyTree]):
         homewards = np.stack([numbers[backward], numbers[followers[backward]]], axis=1)
         starts, goals = np.flatnonzero(parents < 0), np.unique(numbers[followers < 0])
         return PlannerGraph(np.concatenate([there, back[new]]), np.concatenate([outwards, homewards]), starts, goals)
+
+
+def nearest_row(bridge: StateBridge, rows: FloatArray, goals: FloatArray) -> int:
+    """Return which of the configurations `rows: (N, n)` is nearest to one of the `goals: (G, n)`."""
+    squares = [np.square(bridge.difference(rows, goal)).sum(axis=1) for goal in goals]
+    return int(np.min(squares, axis=0).argmin())
 
 
 class Trees(TwoTrees[Tree]):

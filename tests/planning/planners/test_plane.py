@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from ompl import base as ob, geometric as og
 from plane import (
+    APPROXIMATE,
     EXACT,
     GOAL,
     START,
@@ -18,6 +19,7 @@ from plane import (
     SlopedHotSpot,
     Stop,
     dense,
+    nowhere,
     wall_with_a_gap,
     walled_in,
 )
@@ -102,9 +104,31 @@ def test_a_map_in_other_units_takes_as_many_steps(kind, ur5):
 def test_a_goal_that_cannot_be_reached_takes_its_time_and_no_more(problem):
     task = problem(walled_in)
     stop = Stop(task.walls, 2000)
-    assert task.solve(stop.condition) == TIMEOUT
+    assert task.solve(stop.condition) == APPROXIMATE
     assert stop.checked_too_late <= ONE_MOTION
-    assert not task.problem.hasSolution()
+    assert not task.problem.hasExactSolution()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_nearest_path_in_reach_is_an_approximate_solution(kind):
+    task = PlaneProblem(kind, walled_in)
+    for _ in range(2):
+        assert task.solve(Stop(task.walls, 1000).condition) == APPROXIMATE
+        assert task.problem.hasApproximateSolution()
+        assert task.problem.getSolutionPath().check()
+        np.testing.assert_array_equal(task.path[0], START)
+        left = task.problem.getSolutionDifference()
+        assert left == pytest.approx(np.linalg.norm(task.path[-1] - GOAL))
+        assert 0.1 < left < 0.8
+    task.walls.forbidden = nowhere
+    task.planner.clear()
+    assert task.solve() == EXACT
+    assert not task.problem.hasApproximateSolution()
+    np.testing.assert_array_equal(task.path[-1], GOAL)
+    # Where nothing leads away from the start there is no path.
+    stuck = PlaneProblem(kind, lambda x, y: (x, y) not in (START, GOAL))
+    assert stuck.solve(Stop(stuck.walls, 500).condition) == TIMEOUT
+    assert not stuck.problem.hasSolution()
 
 
 @pytest.mark.parametrize(
