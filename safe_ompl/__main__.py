@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -13,11 +14,18 @@ def main() -> int:
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, _leave)
+    # What is imported lives as long as the program: to look for garbage among it takes 50 ms of a start.
+    gc.disable()
     from safe_ompl.apps import main as run
 
+    gc.freeze()
+    gc.enable()
     if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, before)
-    return run()
+    try:
+        return run()
+    finally:
+        gc.unfreeze()
 
 
 def _leave(number: int, frame: FrameType | None) -> None:

@@ -66,8 +66,19 @@ def test_proofs_need_no_ompl():
 
 def test_commands_need_no_extra_to_be_there():
     extras = "matplotlib PIL viser mcap rosbags mujoco xacro rclpy scipy"
-    program = f"import sys; sys.modules.update(dict.fromkeys({extras.split()})); import safe_ompl.apps.cli.program"
+    program = f"import sys; sys.modules.update(dict.fromkeys({extras.split()})); "
+    program += "from safe_ompl.apps.cli.program import command_line; command_line()"
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_a_command_imports_nothing_of_others():
+    program = "import sys; from safe_ompl.apps.cli.program import command_line; "
+    program += "command_line('plan').parse_args(['plan', 'planar2']); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    loaded = set(done.stdout.split())
+    assert "safe_ompl.apps.cli.plan" in loaded
+    assert not loaded & {"safe_ompl.apps.cli.live", "safe_ompl.drawing.plots", "safe_ompl.tasks.programs"}
+    assert not loaded & {"safe_ompl.certificates.claims", "rich.console", "importlib.metadata", "concurrent.futures"}
 
 
 def test_who_plans_imports_nothing_of_motions_in_time_or_of_people():

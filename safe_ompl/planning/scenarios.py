@@ -11,6 +11,7 @@ from typing import Any
 
 import safe_ompl.scene as scenes
 from safe_ompl.common import documents as document
+from safe_ompl.planning.planners import make_planner
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot import Robot
@@ -95,3 +96,10 @@ def setup_problem(problem: scenes.MbmProblem, robot: Robot) -> SafeSetup:
     setup = SafeSetup(robot, problem.scene)
     setup.setConfigurations(problem.start_configuration(robot), problem.goal_configurations(robot))
     return setup
+
+
+def check_named_planner(scenario: scenes.Scenario, planner: str, setup: SafeSetup) -> None:
+    """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
+    source = f"{scenario.file or scenario.name}: planners" if planner in scenario.planners else "planner"
+    with document.within(source, ": "):
+        make_planner(planner, setup.getSpaceInformation(), scenario.planners.get(planner))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any, TypeAlias, get_args
 
@@ -85,6 +85,12 @@ EXAMPLES: dict[str, ExampleRobot] = {
 @cache
 def robots_folder() -> Path:
     """Return the folder that holds the robots of example-robot-data, or raise InputError if it is not installed."""
+    # Its wheels have one place for their data. To find it among the 1000 files of the package takes 40 ms.
+    for folder in (Path(entry, "cmeel.prefix", "share", "example-robot-data", "robots") for entry in sys.path):
+        if folder.is_dir():
+            return folder.resolve()
+    from importlib.metadata import PackageNotFoundError, distribution
+
     try:
         package = distribution("example-robot-data")
     except PackageNotFoundError:

@@ -6,7 +6,6 @@ from .campaign import (
     Run as Run,
     Summary as Summary,
     as_planned as as_planned,
-    check_named_planner as check_named_planner,
     default_planners as default_planners,
     failure as failure,
     lost as lost,

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from ompl import geometric as og
 
-from safe_ompl.common import FloatArray, InputError, documents as document, in_order, whole_number
-from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
-from safe_ompl.planning.planners import is_ours, make_planner, needs_place, planner_names
+from safe_ompl.common import FloatArray, InputError, in_order, whole_number
+from safe_ompl.planning import PlanResult, SafeSetup, check_named_planner, setup_scenario
+from safe_ompl.planning.planners import is_ours, needs_place, planner_names
 from safe_ompl.scene import Scenario
 
 _log = logging.getLogger(__name__)
@@ -138,7 +138,7 @@ class Campaign:
     def check(self, setup: SafeSetup) -> None:
         """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
         for planner in self.planners:
-            check_named_planner(self.scenario, planner, setup)
+            check_named_planner(self.scenario, planner_of(planner), setup)
 
     def results(
         self, setup: SafeSetup | None = None, workers: int | Executor = 1, done: Iterable[PlanResult] = ()
@@ -191,14 +191,6 @@ def default_planners(scenario: Scenario) -> tuple[str, ...]:
 def planner_of(name: str) -> str:
     """Return the planner that plans under a name of a comparison."""
     return _PRACTICE_PLANNER if name == PRACTICE else name
-
-
-def check_named_planner(scenario: Scenario, planner: str, setup: SafeSetup) -> None:
-    """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
-    planner = planner_of(planner)
-    source = f"{scenario.file or scenario.name}: planners" if planner in scenario.planners else "planner"
-    with document.within(source, ": "):
-        make_planner(planner, setup.getSpaceInformation(), scenario.planners.get(planner))
 
 
 def run_measures(result: PlanResult) -> dict[str, Value]:

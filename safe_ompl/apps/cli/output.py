@@ -14,17 +14,19 @@ from importlib.util import find_spec
 from logging.handlers import MemoryHandler
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO, Any, TypeVar
+from typing import IO, TYPE_CHECKING, Any, TypeVar
 
 from ompl import util as ou
-from rich import box
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from safe_ompl.common import InputError, files
 from safe_ompl.drawing import PLOT_ENDINGS
 from safe_ompl.io import strict_json
+
+# Rich takes 30 ms of a start: it is imported when something is shown that needs it.
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+    from rich.table import Table
 
 Item = TypeVar("Item")
 
@@ -45,18 +47,27 @@ _HELD, _NEVER = 10_000, logging.CRITICAL + 1  # records of the log that are held
 
 def console() -> Console:
     """Return where tables go: standard output; what its encoding lacks becomes a question mark."""
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")
+    from rich.console import Console
+
+    _replace_unknown_characters()
     return Console(highlight=False, width=_width(sys.stdout.isatty()))
 
 
 def say(text: str) -> None:
-    """Print text as it is to standard output."""
-    console().print(text, markup=False, soft_wrap=True)
+    """Print text as it is to standard output; what its encoding lacks becomes a question mark."""
+    _replace_unknown_characters()
+    print(text, flush=True)
+
+
+def _replace_unknown_characters() -> None:
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
 
 
 def error_console() -> Console:
     """Return where progress and messages go: standard error. Messages are not wrapped."""
+    from rich.console import Console
+
     return Console(stderr=True, highlight=False, markup=False, soft_wrap=True, width=_width(sys.stderr.isatty()))
 
 
@@ -66,6 +77,8 @@ def _width(is_terminal: bool) -> int | None:
 
 def progress_bar(console: Console, *, hidden: bool = False) -> Progress:
     """Return a progress bar that shows only on a terminal, and leaves nothing behind."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     hidden = hidden or not console.is_terminal
     return Progress(*columns, console=console, transient=True, redirect_stdout=False, disable=hidden)
@@ -75,19 +88,15 @@ def progress_bar(console: Console, *, hidden: bool = False) -> Progress:
 
 
 class _LogLines(logging.Handler):
-    """A log handler that shows one line for each record, above a progress bar if there is one."""
-
-    def __init__(self, console: Console) -> None:
-        super().__init__()
-        self._console = console
+    """A log handler that shows one line for each record."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Show a record."""
-        self._console.print(f"safe-ompl: {record.levelname.lower()}: {' '.join(record.getMessage().split())}")
+        error_console().print(f"safe-ompl: {record.levelname.lower()}: {' '.join(record.getMessage().split())}")
 
 
 @contextmanager
-def shown_log(console: Console, verbose: bool) -> Iterator[Callable[[], None]]:
+def shown_log(verbose: bool) -> Iterator[Callable[[], None]]:
     """Show the package's warnings, and what it is doing if `verbose`, while the block runs.
 
     Unless `verbose` they are held back until the function that is yielded is called: to bad input the answer is one
@@ -100,7 +109,7 @@ def shown_log(console: Console, verbose: bool) -> Iterator[Callable[[], None]]:
 
     logger = logging.getLogger("safe_ompl")
     before, propagates = logger.level, logger.propagate
-    handler = MemoryHandler(0 if verbose else _HELD, _NEVER, _LogLines(console), flushOnClose=False)
+    handler = MemoryHandler(0 if verbose else _HELD, _NEVER, _LogLines(), flushOnClose=False)
     logger.addHandler(handler)
     logger.setLevel(logging.INFO if verbose else logging.WARNING)
     logger.propagate = False
@@ -268,6 +277,9 @@ def write_text(file: str, text: str) -> None:
 
 def plain_table(*columns: str, title: str | None = None, gap: int = 2) -> Table:
     """Return a table with text columns and no frame, and `gap` spaces between columns."""
+    from rich import box
+    from rich.table import Table
+
     table = Table(
         title=title,
         title_justify="left",

@@ -12,29 +12,22 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.apps.benchmark import check_named_planner
+# Certificates, drawings, programs and motions in time take a third of a start: names of these packages are looked up
+# where an option asks for them.
+import safe_ompl.certificates as certificates
+import safe_ompl.drawing as drawing
+import safe_ompl.io as io
+import safe_ompl.motions as motions
+import safe_ompl.tasks as tasks
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.apps.cli.verify import certificate_of, source_of
-from safe_ompl.certificates import program_certificate
 from safe_ompl.common import InputError, files
 from safe_ompl.danger import KinetostaticField
-from safe_ompl.drawing import draw_plan, draw_program, plots
-from safe_ompl.io import (
-    WRITABLE,
-    CarriedProblem,
-    MotionRecord,
-    marked,
-    motion_content,
-    motion_of_document,
-    result_to_mapping,
-)
-from safe_ompl.motions import RATE, Motion, RateLimits, Trajectory
-from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.planning import PlanResult, SafeSetup, check_named_planner, setup_scenario
 from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
-from safe_ompl.tasks import PROGRAM_TIME, plan_program, program_robot
 
 _SLOWER = (1.0, 1.005, 1.02, 1.05, 1.15)  # times as long: tried where stops between exported points are too late
 
@@ -75,7 +68,11 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 
 
 def _plan(
-    scenario: Scenario, setup: SafeSetup, options: argparse.Namespace, setup_time: float, limits: RateLimits | None
+    scenario: Scenario,
+    setup: SafeSetup,
+    options: argparse.Namespace,
+    setup_time: float,
+    limits: motions.RateLimits | None,
 ) -> int:
     """Plan, and show and write the result as the options say; the time [s] is what it took to get ready."""
     chosen = arguments.run_options(options, scenario, options.planner)
@@ -86,7 +83,7 @@ def _plan(
         output.error_console().print("safe-ompl: interrupted: this is the best path so far")
     if options.json:  # in the form of `safe_ompl.save`, with the name of the scenario
         names = {"scenario": scenario.name, "robot": setup.robot.name}
-        output.write_json(options.json, {**marked("result", names), **result_to_mapping(result)})
+        output.write_json(options.json, {**io.marked("result", names), **io.result_to_mapping(result)})
     if options.json != output.STANDARD_OUTPUT:
         output.say(f"{scenario.name} · {setup.robot.name}\n{result}")
     trajectory = None
@@ -98,7 +95,7 @@ def _plan(
         proof = certificate_of(result, setup, scenario, options.certificate, trajectory)
         output.write_json(options.certificate, proof)
     if options.plot and result.path is not None:
-        draw_plan(setup, result, options.plot)
+        drawing.draw_plan(setup, result, options.plot)
     if trajectory is not None and not show_timed(trajectory, result, setup, scenario, options):
         return 1
     return 0 if result else 1
@@ -115,13 +112,15 @@ def add_timed_options(
     """Add what asks for a path in time, --rate, --trajectory and --timed-plot."""
     group = parser.add_argument_group("time", "the motion in time, with limits and people of the scenario")
     option(group, switch, words, dest="timed")
-    option(group, "--rate HZ", f"points per second of the trajectory at least; default: {RATE:g}", arguments.limit)
+    option(
+        group, "--rate HZ", f"points per second of the trajectory at least; default: {motions.RATE:g}", arguments.limit
+    )
     option(
         group,
         "--trajectory FILE",
         "write the motion in the form of a JointTrajectory (.json), for controllers and `safe-ompl view`; as a table "
         f"(.csv, .tsv, .txt), arrays (.npz) or YAML for controllers; implies {switch}",
-        output.output_file(*WRITABLE, output.STANDARD_OUTPUT),
+        output.output_file(*io.WRITABLE, output.STANDARD_OUTPUT),
     )
     option(
         group,
@@ -132,16 +131,16 @@ def add_timed_options(
     )
 
 
-def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -> RateLimits | None:
+def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -> motions.RateLimits | None:
     """Check the options, and return the limits of the scenario; None if no trajectory is asked for."""
     if not (options.timed or options.trajectory or options.timed_plot):
         if options.rate is not None:
             raise InputError("is for a path in time: give --trajectory FILE, too", "--rate")
         return None
-    return RateLimits.of(robot, scenario.motion.velocity, scenario.motion.acceleration, scenario.motion.jerk)
+    return motions.RateLimits.of(robot, scenario.motion.velocity, scenario.motion.acceleration, scenario.motion.jerk)
 
 
-def timed(result: PlanResult, scenario: Scenario, limits: RateLimits) -> Trajectory:
+def timed(result: PlanResult, scenario: Scenario, limits: motions.RateLimits) -> motions.Trajectory:
     """Return the path in time, within the limits and beside the people of the scenario."""
     return result.timed(
         limits,
@@ -153,7 +152,11 @@ def timed(result: PlanResult, scenario: Scenario, limits: RateLimits) -> Traject
 
 
 def show_timed(
-    trajectory: Trajectory, result: PlanResult, setup: SafeSetup, scenario: Scenario, options: argparse.Namespace
+    trajectory: motions.Trajectory,
+    result: PlanResult,
+    setup: SafeSetup,
+    scenario: Scenario,
+    options: argparse.Namespace,
 ) -> bool:
     """Show duration, what bounds the speed, and danger; draw and write what the options ask for.
 
@@ -170,14 +173,14 @@ def show_timed(
                 f"{danger.proven_peak:.3f}"
             )
     if options.timed_plot:
-        plots.plot_motion(trajectory, options.timed_plot, danger=danger, title=f"{trajectory.duration:.2f} s")
+        drawing.plots.plot_motion(trajectory, options.timed_plot, danger=danger, title=f"{trajectory.duration:.2f} s")
     if options.trajectory:
         assert result.robot is not None
         assert result.scene is not None
-        rate, problem = options.rate or RATE, CarriedProblem(result.robot, result.scene, result.danger)
-        record = MotionRecord.of(trajectory, problem, rate=rate, name=result.planner)
+        rate, problem = options.rate or motions.RATE, io.CarriedProblem(result.robot, result.scene, result.danger)
+        record = io.MotionRecord.of(trajectory, problem, rate=rate, name=result.planner)
         # The form of a JointTrajectory, and what `safe-ompl view` needs.
-        content = marked("trajectory", {**trajectory.as_dict(rate), **record.to_mapping()})
+        content = io.marked("trajectory", {**trajectory.as_dict(rate), **record.to_mapping()})
         # Stops with a limit of the jerk are proven of the trajectory alone.
         people = scenario.people if trajectory.limits.jerk is None else None
         # Stops between the points may take longer than those of the trajectory, which has no time to spare.
@@ -203,12 +206,12 @@ def show_timed(
     return True
 
 
-def _written(content: Mapping[str, Any], file: str) -> tuple[Motion, str | bytes | None]:
+def _written(content: Mapping[str, Any], file: str) -> tuple[motions.Motion, str | bytes | None]:
     """Return the motion that is read from a file of a trajectory's document, and what it holds if it is not JSON."""
-    motion = motion_of_document(content)
+    motion = io.motion_of_document(content)
     if Path(file).suffix.lower() in ("", ".json"):
         return motion, None
-    other, read = motion_content(motion, file)
+    other, read = io.motion_content(motion, file)
     return read, other
 
 
@@ -223,7 +226,7 @@ def _slower(content: Mapping[str, Any], factor: float) -> dict[str, Any]:
     return {**content, "points": points, "duration": factor * content["duration"], "speeds": speeds}
 
 
-def describe_timing(trajectory: Trajectory) -> str:
+def describe_timing(trajectory: motions.Trajectory) -> str:
     """Return one line: the duration, and for what share of it each limit bounds the speed."""
     spans = (trajectory.law.times[1:] - trajectory.law.times[:-1]).tolist()
     shares: dict[str, float] = {}
@@ -243,27 +246,29 @@ def _prepare_program(options: argparse.Namespace, scenario: Scenario) -> Callabl
     arguments.refuse(options, _NOT_FOR_PROGRAMS, why)
     if options.planner != arguments.PLANNER:
         raise InputError(why, "--planner")
-    program_robot(scenario)
+    tasks.program_robot(scenario)
     return partial(_plan_program, options, scenario)
 
 
 def _plan_program(options: argparse.Namespace, scenario: Scenario) -> int:
-    result = plan_program(scenario, time=options.time or PROGRAM_TIME, seed=options.seed)
+    result = tasks.plan_program(scenario, time=options.time or tasks.PROGRAM_TIME, seed=options.seed)
     said = result.as_dict()
     if options.json:
-        output.write_json(options.json, marked("motion", said))
+        output.write_json(options.json, io.marked("motion", said))
     if options.json != output.STANDARD_OUTPUT:
         output.say(f"{scenario.name}\n{result}")
     if not result:
         return 1
     if options.trajectory:
-        files.write(options.trajectory, motion_content(result.motion, options.trajectory)[0])
+        files.write(options.trajectory, io.motion_content(result.motion, options.trajectory)[0])
     if options.certificate:
         stretches = ((stretch.begin, stretch.check) for stretch in result.stretches)
         names = [said["steps"][stretch.step] for stretch in result.stretches]
-        begin = program_robot(scenario), scenario.scene
-        proof = program_certificate(stretches, source_of(scenario, options.certificate), names, begin=begin)
+        begin = tasks.program_robot(scenario), scenario.scene
+        proof = certificates.program_certificate(
+            stretches, source_of(scenario, options.certificate), names, begin=begin
+        )
         output.write_json(options.certificate, proof)
     if options.plot:
-        draw_program(result, options.plot)
+        drawing.draw_program(result, options.plot)
     return 0

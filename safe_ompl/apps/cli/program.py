@@ -6,19 +6,31 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from typing import Any, NoReturn
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NoReturn
 
-from rich.table import Table
-
-from safe_ompl.apps.cli import arguments, check, compare, live, new, output, plan, ros, verify, view
+from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.apps.cli.doctor import examine
 from safe_ompl.common import InputError, SafeOmplError
 from safe_ompl.robot import EXAMPLES
 from safe_ompl.scene import Scenario, list_scenarios
 from safe_ompl.version import __version__
 
+if TYPE_CHECKING:
+    from rich.table import Table
+
 BAD_INPUT, BROKEN_PIPE = 2, 141
+# The modules of this package, by their commands in the order of the help.
+_MODULES = {
+    "plan": ("plan",),
+    "view": ("view",),
+    "check": ("check", "tube"),
+    "new": ("new", "srdf"),
+    "verify": ("verify",),
+    "compare": ("compare", "mbm"),
+    "live": ("live",),
+    "ros": ("ros", "guard"),
+}
 # Commands that write no file of their own, and those that load neither a robot nor a saved file.
 _WITHOUT_FILES = ("list", "doctor", "verify", "tube")
 _WITHOUT_ROBOT = ("list", "doctor")
@@ -35,11 +47,11 @@ def main(words: Sequence[str] | None = None) -> int:
 
     That is 0 if solved, 1 if not, 2 on bad input, 130 if interrupted.
     """
-    console = output.error_console()
     try:
-        options = command_line().parse_args((sys.argv[1:] if words is None else words) or ["--help"])
+        words = (sys.argv[1:] if words is None else words) or ["--help"]
+        options = command_line(words[0]).parse_args(words)
         output.check_outputs(options)
-        with output.ompl_messages(options.verbose), output.shown_log(console, options.verbose) as show:
+        with output.ompl_messages(options.verbose), output.shown_log(options.verbose) as show:
             job = options.prepare(options)
             show()
             return int(job())
@@ -50,10 +62,10 @@ def main(words: Sequence[str] | None = None) -> int:
         said = str(error)
         if isinstance(error, OSError) and error.filename is not None:
             said = f"{error.filename}: {error.strerror}"
-        console.print(f"safe-ompl: {' '.join(said.split())}")
+        output.error_console().print(f"safe-ompl: {' '.join(said.split())}")
         return BAD_INPUT
     except KeyboardInterrupt:
-        console.print("safe-ompl: interrupted")
+        output.error_console().print("safe-ompl: interrupted")
         return output.INTERRUPTED
 
 
@@ -64,15 +76,18 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(message)
 
 
-def command_line() -> argparse.ArgumentParser:
-    """Return the parser; `prepare` of its options is the one of the command, see `add_parser`."""
+def command_line(command: str | None = None) -> argparse.ArgumentParser:
+    """Return the parser; `prepare` of its options is the one of the command, see `add_parser`.
+
+    If the first word is a command of a module, other modules are not imported, and their commands are left out.
+    """
     parser = _Parser(
         prog="safe-ompl", description="Safety-oriented motion planning for robot arms.", epilog=_FIRST + _EPILOG
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (plan, view, check, new, verify, compare, live, ros):
-        command.add_commands(commands)
+    for module in [module for module, own in _MODULES.items() if command in own] or _MODULES:
+        import_module(f"safe_ompl.apps.cli.{module}").add_commands(commands)
     add_commands(commands)
     for name, own in commands.choices.items():
         if name not in _WITHOUT_FILES:
@@ -92,10 +107,16 @@ def add_commands(commands: Any) -> None:
         "doctor",
         lambda _: examine,
         "show versions, what is missing, and what fails",
-        "Show which versions are installed, and which are missing or do not fit, compile what is not compiled "
-        "yet (one to two minutes), and try what is installed. The exit status is 1 if something needed is missing, "
-        "or something installed fails.",
+        "Show which versions are installed, and which are missing or do not fit, and try what is installed. The exit "
+        "status is 1 if something needed is missing, or something installed fails.",
     )
+
+
+def examine() -> int:
+    """Run `doctor`, which imports all that is installed."""
+    from safe_ompl.apps.cli.doctor import examine
+
+    return examine()
 
 
 def list_all() -> int:

@@ -8,17 +8,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+# `plan` and `check` import this module for what certificates say, and need the packages only if one is written.
+import safe_ompl.certificates as certificates
+import safe_ompl.io as io
+import safe_ompl.motions as motions
+import safe_ompl.tasks as tasks
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
-from safe_ompl.certificates import TIME, Certificate, Verified, certificate, clearance_claim, terms_of, verify
 from safe_ompl.collision import TipBounds, ToolOrientation
 from safe_ompl.common import CertificateError, InputError, documents as document, files
-from safe_ompl.io import schema
-from safe_ompl.motions import Trajectory
 from safe_ompl.planning import PlanResult, SafeSetup
 from safe_ompl.robot import robot_hash
 from safe_ompl.scene import Scenario
-from safe_ompl.tasks import program_robot
 
 REFUSED = 1
 _MOST_BYTES = 1_000_000_000  # of a certificate
@@ -38,28 +39,30 @@ def add_commands(commands: Any) -> None:
     )
     option(parser, "file FILE", "the certificate")
     option(parser, "scenario SCENARIO", "what it must be about; default: what the file carries", nargs="?")
-    option(parser, "--time SECONDS", "leave undecided what is not verified by then", arguments.seconds, TIME)
+    option(
+        parser, "--time SECONDS", "leave undecided what is not verified by then", arguments.seconds, certificates.TIME
+    )
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the certificate and the scenario, and return the job."""
     content = _read_certificate(options.file)
     if options.scenario is None:
-        carried = partial(verify, content, package_dirs=tuple(options.package_dir), time=options.time)
+        carried = partial(certificates.verify, content, package_dirs=tuple(options.package_dir), time=options.time)
         return partial(_verify, options.file, carried, " and scene are the file's own, compared with no scenario")
     scenario = arguments.load_scenario(options.scenario, options.package_dir)
 
-    def against_scenario() -> Verified:
-        claims, robot = Certificate.read(content), scenario.build_robot()
+    def against_scenario() -> certificates.Verified:
+        claims, robot = certificates.Certificate.read(content), scenario.build_robot()
         if scenario.program is not None and claims.robot.hash != robot_hash(robot):
-            robot = program_robot(scenario)
-        terms = terms_of(scenario, robot, timed=claims.rated)
-        return verify(content, robot, scenario.scene, terms=terms, time=options.time)
+            robot = tasks.program_robot(scenario)
+        terms = certificates.terms_of(scenario, robot, timed=claims.rated)
+        return certificates.verify(content, robot, scenario.scene, terms=terms, time=options.time)
 
     return partial(_verify, options.file, against_scenario, f" and scene of {scenario.file}")
 
 
-def _verify(file: str, check: Callable[[], Verified], source: str) -> int:
+def _verify(file: str, check: Callable[[], certificates.Verified], source: str) -> int:
     """Check a certificate, and print what holds and what is not claimed, or what fails."""
     try:
         with document.within(file, ": "):
@@ -91,13 +94,13 @@ def _read_certificate(file: str) -> Mapping[str, Any]:
         raise InputError(f"cannot be read as a certificate: {error}", file) from None
     with document.within(file, ": "):
         content = files.parse_json(written, finite=True)
-        schema.check_form(content)
+        io.schema.check_form(content)
     checked: Mapping[str, Any] = content
     return checked
 
 
 def certificate_of(
-    result: PlanResult, setup: SafeSetup, scenario: Scenario, file: str, trajectory: Trajectory | None = None
+    result: PlanResult, setup: SafeSetup, scenario: Scenario, file: str, trajectory: motions.Trajectory | None = None
 ) -> dict[str, Any]:
     """Return the certificate of a solved plan, and of its trajectory, for `file`: names in it are relative to that."""
     assert result.path is not None
@@ -105,14 +108,14 @@ def certificate_of(
     separation = constraints.separation
     tool = {"orientation": constraints.tool_limit(ToolOrientation), "position": constraints.tool_limit(TipBounds)}
     claims = {
-        "clearance": clearance_claim(separation.min_clearance, setup.scene),
+        "clearance": certificates.clearance_claim(separation.min_clearance, setup.scene),
         "moving_obstacles": {"speeds": separation.speeds, "time": separation.time} if separation.speeds else None,
         "tool": {name: limit.as_dict() for name, limit in tool.items() if limit is not None} or None,
         "tube": separation.tube or None,
         "spacing": scenario.danger.get("spacing"),
         "max_danger": scenario.limits.max_danger or None,
     }
-    return certificate(
+    return certificates.certificate(
         result.path,
         setup.robot,
         setup.scene,

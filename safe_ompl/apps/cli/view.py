@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from safe_ompl.apps.benchmark import check_named_planner
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.common import InputError, files
@@ -21,7 +20,7 @@ from safe_ompl.drawing import (
     save_page,
 )
 from safe_ompl.io import MotionRecord, load, read_ticks, schema
-from safe_ompl.planning import PlanResult, setup_scenario
+from safe_ompl.planning import PlanResult, check_named_planner, setup_scenario
 from safe_ompl.scene import Scenario
 from safe_ompl.tasks import PROGRAM_TIME, plan_program
 

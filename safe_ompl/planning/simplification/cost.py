@@ -43,7 +43,9 @@ def reference_danger(field: DangerField, checker: CollisionChecker) -> float:
     robot, rng = checker.robot, np.random.default_rng(0)  # the same scale at any time
     samples = rng.uniform(robot.lower, robot.upper, (_REFERENCE_SAMPLES, robot.n))
     valid = samples[MotionProver(checker).are_free(samples, samples)]
-    return float(np.median(field.values(valid if len(valid) else samples))) or 1.0
+    danger = np.sort(field.values(valid if len(valid) else samples))
+    # The median without NumPy's function, whose first call imports masked arrays, 20 ms of a start.
+    return 0.5 * float(danger[(len(danger) - 1) // 2] + danger[len(danger) // 2]) or 1.0
 
 
 class PathCost:

@@ -481,7 +481,7 @@ def test_messages_of_ompl_come_with_verbose(run, options, shown):
 
 def test_threads_may_log_after_each_other(capsys):
     log = logging.getLogger("safe_ompl.test")
-    with output.shown_log(output.error_console(), verbose=False) as show:
+    with output.shown_log(verbose=False) as show:
         log.warning("held back")
         show()
         thread = threading.Thread(target=log.warning, args=("of a thread",), daemon=True)
