@@ -88,6 +88,7 @@ cdef class DistanceBounds:
     cdef Workspace workspace(self)
     cdef int _run(self, Group[::1] group, Py_ssize_t begin, Py_ssize_t end) except -1
     cdef int _check(self, Required required, Py_ssize_t joints) except -1
+    cdef int _check_places(self, const double[:, ::1] values, const size_t[:, ::1] pairs, Py_ssize_t K) except -1
     cdef object _told(self, Workspace work, Outcome outcome)
 
 

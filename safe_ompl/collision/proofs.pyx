@@ -137,7 +137,7 @@ cdef class Required:
 
     def __init__(self, distances):
         self.distances = np.ascontiguousarray(distances, dtype=np.float64).copy()
-        self.most = np.max(distances, initial=-np.inf)
+        self.most = np.max(self.distances, initial=-np.inf)
 
 
 cdef class Workspace:
@@ -180,19 +180,21 @@ cdef class DistanceBounds:
     """
 
     def __init__(self, robot, bodies, pairs, radii, counts):
-        cdef Py_ssize_t P = len(pairs), m = radii.shape[1], own = len(robot.bounds.joint_radii)
+        cdef Py_ssize_t P = len(pairs), m = robot.kinematics.table.m, own = len(robot.bounds.joint_radii)
+        self.joints, self.shapes = robot.kinematics.table, bodies.table
+        if np.shape(pairs) != (P, 2) or np.shape(radii) != (P, m):
+            raise InputError(f"pairs and radii must have shape (P, 2) and (P, {m})")
+        if P and not 0 <= pairs.min() <= pairs.max() < self.shapes.count:
+            raise InputError(f"pairs must be of {self.shapes.count} bodies")
+        if P and pairs[:, 0].max() >= own:
+            raise InputError("the first body of each pair must be the robot's")
         exact = bodies.exact if bodies.bounded else np.zeros_like(bodies.exact)
         reaches = np.zeros((m, len(bodies.bodies)))
         reaches[:, :own] = robot.bounds.joint_radii.T
-        self.joints, self.shapes = robot.kinematics.table, bodies.table
         self.exact = exact[pairs[:, 0]] & exact[pairs[:, 1]]
         self._counts, self._coupling, self._free = counts, robot.coupling, []
         numbers, certain = pairs.astype(np.uintp), np.where(self.exact, ALLOWANCE, np.inf)
         by_joint = np.array(radii.T, order="C")
-        if self.joints.m != m or (P and not 0 <= pairs.min() <= pairs.max() < self.shapes.count):
-            raise InputError("pairs or their radii are not of the bodies and joints")
-        if P and pairs[:, 0].max() >= own:
-            raise InputError("the first body of each pair must be the robot's")
         self.pairs.count, self.pairs.m, self.pairs.own, self.pairs.joints = P, m, own, self.joints.data
         self.pairs.shape_count = self.shapes.count
         groups, balls = self._grouped(numbers)
@@ -317,6 +319,7 @@ cdef class DistanceBounds:
         self, const double[:, ::1] values, const size_t[:, ::1] pairs, double enough, double[:, ::1] bounds
     ):
         """Write lower bounds (B, K) [m] of the distances of pairs (K, 2) of bodies at `values: (B, m)`."""
+        self._check_places(values, pairs, pairs.shape[0])
         cdef Workspace work = self.workspace()
         cdef Py_ssize_t row, p
         with nogil:
@@ -369,6 +372,7 @@ cdef class DistanceBounds:
     ):
         cdef const unsigned char[::1] known = np.ascontiguousarray(exact, dtype=np.bool_).view(np.uint8)
         cdef Py_ssize_t K = pairs.shape[0], row, p, number = 0
+        self._check_places(values, pairs, known.shape[0])
         cdef Workspace work = self.workspace()
         found, first_axes = np.empty((64, 10)), np.zeros((K, 3))
         cdef double[:, ::1] table = found
@@ -389,6 +393,18 @@ cdef class DistanceBounds:
                     number += 1
         self._free.append(work)
         return found[:number].copy()
+
+    cdef int _check_places(self, const double[:, ::1] values, const size_t[:, ::1] pairs, Py_ssize_t K) except -1:
+        """Raise InputError unless values (B, m) are of the joints, and K pairs of two bodies each."""
+        cdef Py_ssize_t p
+        if values.shape[1] != self.pairs.m:
+            raise InputError(f"values must be of {self.pairs.m} joints, got {values.shape[1]}")
+        if pairs.shape[0] != K or pairs.shape[1] != 2:
+            raise InputError(f"pairs must have shape ({K}, 2), got ({pairs.shape[0]}, {pairs.shape[1]})")
+        for p in range(K):
+            if not (pairs[p, 0] < <size_t> self.pairs.own and pairs[p, 1] < <size_t> self.pairs.shape_count):
+                raise InputError(f"pair {p} must be of the robot's {self.pairs.own} bodies and all {self.shapes.count}")
+        return 0
 
     def some(self, pairs):
         """Return some pairs, (K,), to ask for what is near among them."""
@@ -1204,7 +1220,8 @@ cdef Outcome prove_curve(
         if half < 0.0:
             _suspect(memory, found.pair)
             return Outcome(-1, t, places)
-        if half < longest and (half * widest < floor or number == INTERVALS):
+        # Between two neighbouring numbers there is no other, so that a smaller interval cannot be tried.
+        if half < longest and (half * widest < floor or number == INTERVALS or t == low or t == high):
             return Outcome(number, -1.0 if half > 0.0 else t, places)
         number -= 1
         # The part in which these bodies come nearer is looked at next: there the motion is blocked, if it is.

@@ -36,6 +36,8 @@ cdef enum:
     _MAXIMUM, _MEAN, _SOFTMAX
     # Panels of the mean danger on an edge are halved so often at most.
     HALVINGS = 6
+    # Panels with which the mean may begin; more would take more memory than a machine has.
+    MOST_PANELS = 1_000_000
 
 
 cdef class SkeletonTable:
@@ -207,6 +209,8 @@ cdef class PointDanger:
 
     def high_levels(self, values, double least):
         """Return the levels (C,) of points that are at least `least` at `values: (1, m)`, and gradients (C, m)."""
+        if len(values) != 1:
+            raise InputError(f"levels are of one configuration, got {len(values)}")
         high = self.high(values, 0.0, least)
         rows = np.flatnonzero(high > 0.0)
         gradients = np.zeros((len(rows), values.shape[1]))
@@ -223,7 +227,10 @@ cdef class PointDanger:
         mean.
         """
         cdef double mean = 0.0, total = 0.0, begin, length, f0, f1, f2
-        cdef Py_ssize_t evaluations = 2 * panels + 1, k, half
+        cdef Py_ssize_t evaluations, k, half
+        if ends.shape[0] != 2 or not 1 <= panels <= MOST_PANELS:
+            raise InputError(f"two ends and 1 to {MOST_PANELS} panels are needed, got {ends.shape[0]} and {panels}")
+        evaluations = 2 * panels + 1
         cdef double[::1] found = self._between(ends, np.arange(2 * panels + 1) / (2 * panels))
         # Panels: where they begin, how long they are, and three values.
         rest = []

@@ -72,6 +72,8 @@ cdef double OVERLAPPING = 1e-12
 # Cells of solids above this level are looked at by balls and boxes only.
 cdef enum:
     HIGHEST_LEVEL = 3
+    # More cells along a side of the grid of a body's lists would take 6·1024² lists.
+    MOST_CELLS = 1024
 # Cells that are smaller than this share of the distance beyond `least` are not divided where bounds need not be tight.
 cdef double FINE = 0.3
 # Triangles in which the squared sine of an angle is below this count as segments.
@@ -115,19 +117,20 @@ cdef class ShapeTable:
         for c in range(C):
             if not start[c] < start[c + 1]:
                 raise InputError(f"list {c} of vertices is empty")
+        for k in range(node.shape[0]):
+            _check_node(node, k)
         for g in range(body.shape[0]):
-            last = body[g].first_cell + max(1, 6 * body[g].grid * body[g].grid)
-            if body[g].joint < 0 or body[g].grid < 0 or body[g].first_cell < 0 or last > C:
+            last = C + 1
+            if 0 <= body[g].grid <= MOST_CELLS and 0 <= body[g].first_cell <= C:
+                last = body[g].first_cell + max(1, 6 * body[g].grid * body[g].grid)
+            if body[g].joint < 0 or last > C:
                 raise InputError(f"body {g} refers to a joint or to lists of vertices that there are not")
             if body[g].levels:
                 if not 0 <= body[g].root < node.shape[0]:
                     raise InputError(f"body {g}: there is no node {body[g].root}")
-                last = body[g].levels + node[body[g].root].level
-                if not (0 < body[g].levels and 0 <= node[body[g].root].level and last < body.shape[0]):
+                last = body.shape[0] - node[body[g].root].level
+                if not 0 < body[g].levels < last:
                     raise InputError(f"body {g}: there is no body for each level of its cells")
-        for k in range(node.shape[0]):
-            if not (0 < node[k].size <= <size_t>(node.shape[0] - k) and node[k].level >= 0):
-                raise InputError(f"node {k} has {node[k].size} nodes below it, and {node.shape[0] - k} follow")
         self.bodies, self.starts, self.vertices, self.nodes = bodies, starts, vertices, nodes
         self.count = body.shape[0]
         self.bounded = bool(np.isfinite(bodies["reach"]).all())
@@ -157,11 +160,10 @@ cdef class ShapeTable:
         cdef Bodies bodies = self.data
         cdef Search search
         cdef Bounds found
-        cdef Py_ssize_t x
+        cdef Vector way = _vector("axis", axis)
         self._check_body(min(a, b))
         self._check_body(max(a, b))
-        for x in range(3):
-            search.axis[x] = axis[x]
+        search.axis[0], search.axis[1], search.axis[2] = way.x, way.y, way.z
         bodies.pose = self.new_poses()
         found = distance_bounds(&bodies, a, b, &search, enough, least, False)
         free(bodies.pose)
@@ -170,21 +172,20 @@ cdef class ShapeTable:
     def support(self, Py_ssize_t g, direction):
         """Return the point (3,) [m] of a body that no joint carries, without its ball, that is farthest that way."""
         cdef Bodies bodies = self.data
-        cdef Vector found
+        cdef Vector found, way = _vector("direction", direction)
         self._check_body(g)
         bodies.pose = self.new_poses()
-        found = support(&bodies, g, direction[0], direction[1], direction[2])
+        found = support(&bodies, g, way.x, way.y, way.z)
         free(bodies.pose)
         return np.array([found.x, found.y, found.z])
 
     def way_from_box(self, Py_ssize_t g, point):
         """Return the vector (3,) [m] to a point from the nearest one of the box about a body that no joint carries."""
-        cdef const double[::1] place = np.ascontiguousarray(point, dtype=np.float64)
         cdef Pose pose
-        cdef Vector found
+        cdef Vector found, place = _vector("point", point)
         self._check_body(g)
         place_still(&self.data.body[g], &pose)
-        found = from_box(&self.data.body[g], &pose, &place[0])
+        found = from_box(&self.data.body[g], &pose, &place.x)
         return np.array([found.x, found.y, found.z])
 
     cdef int _check_body(self, Py_ssize_t g) except -1:
@@ -233,6 +234,26 @@ cdef class ShapeTable:
                             away = sqrt(a * a + b * b)
                         far[g, i] = max(away + body.ball, far[g, i] if k > 0 else 0.0)
         return found
+
+
+cdef int _check_node(const Node[::1] nodes, Py_ssize_t k) except -1:
+    """Raise InputError unless a node and those below it, which follow it, are a tree of falling levels."""
+    cdef size_t below = nodes.shape[0] - k - 1, child, end
+    if not (0 < nodes[k].size <= below + 1 and nodes[k].level >= 0 and (nodes[k].level == 0) == (nodes[k].size == 1)):
+        raise InputError(f"node {k} has level {nodes[k].level} and size {nodes[k].size}, and {below} nodes follow")
+    child, end = k + 1, k + nodes[k].size
+    while child < end:
+        if not (0 < nodes[child].size <= end - child and nodes[child].level < nodes[k].level):
+            raise InputError(f"node {child} does not fit in node {k}")
+        child += nodes[child].size
+    return 0
+
+
+cdef Vector _vector(str name, given) except *:
+    cdef const double[::1] found = np.ascontiguousarray(given, dtype=np.float64)
+    if found.shape[0] != 3:
+        raise InputError(f"{name} must have 3 numbers, got {found.shape[0]}")
+    return Vector(found[0], found[1], found[2])
 
 
 cdef inline double _coordinate(const Body *body, Py_ssize_t k, double x, double y, double z) noexcept nogil:
@@ -338,7 +359,9 @@ cdef size_t _likely_cell(const Node *nodes, size_t root, const Pose *solid, cons
     cdef size_t best = root, k, end
     cdef double square, least, u, v, w
     while nodes[best].level > 0:
+        # The first one below is taken if no distance is a number.
         k, end, least = best + 1, best + nodes[best].size, INFINITY
+        best += 1
         while k < end:
             u, v, w = nodes[k].centre[0] - a, nodes[k].centre[1] - b, nodes[k].centre[2] - c
             square = u * u + v * v + w * w
@@ -534,8 +557,8 @@ cdef int nearest_in_simplex(double (*simplex)[EDGES], int corners, Vector *neare
 
 cdef inline Py_ssize_t cell_of(double x, double y, double z, Py_ssize_t grid) noexcept nogil:
     """Return the cell of a direction: six sides (±x, ±y, ±z) of grid × grid cells; 0 where there is no grid."""
-    cdef double ax = fabs(x), ay = fabs(y), az = fabs(z), major = az, u = x, v = y, half
-    cdef Py_ssize_t side = 4 if z > 0 else 5, column, row
+    cdef double ax = fabs(x), ay = fabs(y), az = fabs(z), major = az, u = x, v = y
+    cdef Py_ssize_t side = 4 if z > 0 else 5
     if grid == 0:
         return 0
     if ax >= ay and ax >= az:
@@ -544,10 +567,13 @@ cdef inline Py_ssize_t cell_of(double x, double y, double z, Py_ssize_t grid) no
         side, major, u, v = 2 if y > 0 else 3, ay, z, x
     if not major > 0.0:
         return 0
-    half = 0.5 * grid
-    column = min(<Py_ssize_t>((u / major + 1.0) * half), grid - 1)
-    row = min(<Py_ssize_t>((v / major + 1.0) * half), grid - 1)
-    return (side * grid + row) * grid + column
+    return (side * grid + _cell_along(v / major, grid)) * grid + _cell_along(u / major, grid)
+
+
+cdef inline Py_ssize_t _cell_along(double share, Py_ssize_t grid) noexcept nogil:
+    """Return the cell of a coordinate from −1 to 1; the last cell of NaN, which has no integer value."""
+    cdef double place = (share + 1.0) * (0.5 * grid)
+    return <Py_ssize_t> place if 0.0 <= place < grid - 1 else grid - 1
 
 
 def extreme_vertices(const double[:, ::1] vertices, Py_ssize_t grid):
@@ -563,8 +589,8 @@ def extreme_vertices(const double[:, ::1] vertices, Py_ssize_t grid):
     cdef double width = 2.0 / grid, u, v
     cdef bint beaten
     cdef Vector corner
-    if vertices.shape[1] != 3 or grid < 1:
-        raise InputError(f"vertices must be (V, 3) and the grid at least 1, got {grid}")
+    if vertices.shape[1] != 3 or not 1 <= grid <= MOST_CELLS:
+        raise InputError(f"vertices must be (V, 3) and the grid from 1 to {MOST_CELLS}, got {grid}")
     first, lists, corner_heights, remain = np.empty(cells + 1, np.intp), [], np.empty((V, 4)), np.empty(V, np.intp)
     cdef Py_ssize_t[::1] starts = first
     cdef Py_ssize_t[::1] kept = remain

@@ -458,7 +458,8 @@ cdef class Coordinates:
         """Return ρ(q, target), and (2, n): where a step from q (n,) towards a target (n,) leads, and its direction."""
         found = np.empty((2, self.n))
         cdef double[:, ::1] out = found
-        _check_columns("configurations", min(q.shape[0], target.shape[0]), self.n)
+        _check_columns("configurations", q.shape[0], self.n)
+        _check_columns("targets", target.shape[0], self.n)
         return steer(self, &q[0], &target[0], step, &out[0, 0], &out[1, 0]), found
 
     def descend(self, double[:, ::1] step, const double[::1] gradient, double reach):
@@ -466,7 +467,10 @@ cdef class Coordinates:
 
         The place and the direction are the rows of `step: (2, n)`; the new place is written to the second row.
         """
-        _check_columns("steps", min(step.shape[1], gradient.shape[0]), self.n)
+        _check_columns("steps", step.shape[1], self.n)
+        _check_columns("gradients", gradient.shape[0], self.n)
+        if step.shape[0] != 2:
+            raise InputError(f"a step is a place and a direction, got {step.shape[0]} rows")
         return descend(self, &step[0, 0], &step[1, 0], &gradient[0], reach)
 
 

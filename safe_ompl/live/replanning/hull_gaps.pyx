@@ -28,6 +28,7 @@ cdef struct Frames:
     const double *rotations
     const double *origins
     const double *travel
+    Py_ssize_t N
     Py_ssize_t m
 
 
@@ -174,20 +175,21 @@ cdef class BodyHulls:
             self.carriers, self.vertices, self.first_vertex, self.pads, self.middles, self.extents
         )
 
-    cdef Frames _frames(
-        self, const double[:, :, :, ::1] rotations, const double[:, :, ::1] origins, const double[:, ::1] travel,
-        Py_ssize_t cells, bint moving
-    ) except *:
+    cdef Frames _frames(self, cells, Py_ssize_t count, bint moving) except *:
         """Return the frames of at least so many cells; `moving` says whether bodies move in them."""
+        cdef const double[:, :, :, ::1] rotations
+        cdef const double[:, :, ::1] origins
+        cdef const double[:, ::1] travel
         cdef Frames found
+        rotations, origins, travel = cells
         cdef Py_ssize_t N = rotations.shape[0], m = rotations.shape[1]
         if rotations.shape[2] != 3 or rotations.shape[3] != 3 or origins.shape[2] != 3:
             raise InputError("frames must have shapes (N, m, 3, 3) and (N, m, 3)")
-        if N < cells or origins.shape[0] != N or origins.shape[1] != m or m < self._joints:
-            raise InputError(f"frames must be those of {cells} cells and {self._joints} joints at least")
+        if N < count or origins.shape[0] != N or origins.shape[1] != m or m < self._joints:
+            raise InputError(f"frames must be those of {count} cells and {self._joints} joints at least")
         if moving and (travel.shape[0] != N or travel.shape[1] != self.count):
             raise InputError(f"travel must have shape ({N}, {self.count})")
-        found.m = m
+        found.N, found.m = N, m
         found.rotations = &rotations[0, 0, 0, 0] if N and m else NULL
         found.origins = &origins[0, 0, 0] if N and m else NULL
         found.travel = &travel[0, 0] if moving and N and self.count else NULL
@@ -210,9 +212,9 @@ cdef class BodyHulls:
         the speed of a window need no distance in it. Where contact is not allowed the last array is empty; it is not
         borne by sets beyond its end.
         """
-        cdef Frames frames = self._frames(cells[0], cells[1], cells[2], _past_last(at), True)
-        cdef Sets moving = _sets(sets[0], sets[1], sets[2], sets[3])
-        cdef Borne contact = self._borne(borne[0], borne[1], at.shape[0], len(cells[0]))
+        cdef Frames frames = self._frames(cells, _past_last(at), True)
+        cdef Sets moving = _sets(sets)
+        cdef Borne contact = self._borne(borne, at.shape[0], frames.N)
         cdef Worst found
         cdef double *memory
         if until.shape[0] != at.shape[0]:
@@ -233,9 +235,9 @@ cdef class BodyHulls:
 
         More than `far` need not be known, and what is less but within `close` [m].
         """
-        cdef Frames frames = self._frames(cells[0], cells[1], cells[2], _past_last(at), True)
-        cdef Sets moving = _sets(sets[0], sets[1], sets[2], sets[3])
-        cdef Borne contact = self._borne(borne[0], borne[1], at.shape[0], len(cells[0]))
+        cdef Frames frames = self._frames(cells, _past_last(at), True)
+        cdef Sets moving = _sets(sets)
+        cdef Borne contact = self._borne(borne, at.shape[0], frames.N)
         cdef Py_ssize_t W = at.shape[0], w
         cdef double now = 0.0
         cdef double *memory
@@ -254,10 +256,11 @@ cdef class BodyHulls:
             free(memory)
         return margins
 
-    cdef Borne _borne(
-        self, const double[::1] squares, const double[:, :, ::1] most, Py_ssize_t W, Py_ssize_t N
-    ) except *:
+    cdef Borne _borne(self, borne, Py_ssize_t W, Py_ssize_t N) except *:
+        cdef const double[::1] squares
+        cdef const double[:, :, ::1] most
         cdef Borne found
+        squares, most = borne
         if squares.shape[0] != W:
             raise InputError("contact is borne at one speed for each window")
         found.squares, found.most, found.bearing = &squares[0] if W else NULL, NULL, 0
@@ -336,8 +339,8 @@ cdef class BodyHulls:
         The robot is in the middle of the first cell; sets and bodies are without radii, growth and pads. Bounds of more
         than `far` [m] need not be known: they are infinite.
         """
-        cdef Frames frames = self._frames(cells[0], cells[1], cells[2], 1, False)
-        cdef Sets moving = _sets(sets[0], sets[1], sets[2], sets[3])
+        cdef Frames frames = self._frames(cells, 1, False)
+        cdef Sets moving = _sets(sets)
         cdef Py_ssize_t G = self.count, S = moving.count, g, s, v, x, points
         cdef const double *R
         cdef const double *o
@@ -384,7 +387,7 @@ cdef class BodyHulls:
         The robot goes from the first cell to the second. A vertex that is start ≥ 0 ahead of the foremost one and then
         end ≥ 0, but for rounding, comes no nearer if √start + √end ≥ √bend, with `bends: (G,)` [m].
         """
-        cdef Frames frames = self._frames(cells[0], cells[1], cells[2], 2, False)
+        cdef Frames frames = self._frames(cells, 2, False)
         cdef Py_ssize_t G = self.count, S = apart.shape[1], g, s, k, v, points
         cdef const double *R
         cdef const double *o
@@ -449,10 +452,12 @@ cdef int _check_lists(const Py_ssize_t[::1] first, const double[:, ::1] points, 
     return 0
 
 
-cdef Sets _sets(
-    const double[:, ::1] points, const Py_ssize_t[::1] first, const double[::1] radii, const double[:, ::1] growth
-) except *:
+cdef Sets _sets(sets) except *:
+    cdef const double[:, ::1] points, growth
+    cdef const Py_ssize_t[::1] first
+    cdef const double[::1] radii
     cdef Sets found
+    points, first, radii, growth = sets
     cdef Py_ssize_t S = radii.shape[0]
     _check_lists(first, points, "first_point", "points")
     if first.shape[0] != S + 1 or growth.shape[0] != S or growth.shape[1] != 2:

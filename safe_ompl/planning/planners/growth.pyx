@@ -907,6 +907,8 @@ def branch(parents, node):
     """Return the nodes from the root to `node`, where `parents: (N,)` are the numbers of the nodes' parents."""
     nodes = []
     while node != ROOT:
+        if len(nodes) == len(parents):
+            raise InputError(f"node {node} is its own ancestor")
         nodes.append(node)
         node = int(parents[node])
     return nodes[::-1]

@@ -34,6 +34,8 @@ cdef double EDGE_SPACING = 0.8
 cdef enum:
     FEWEST_SAMPLES = 2
     MOST_SAMPLES = 4
+    # More samples of a path would take more memory than a machine has.
+    MOST_STEPS = 100_000_000
 
 
 def arc_lengths(const double[:, ::1] path):
@@ -75,7 +77,11 @@ def at_arc_lengths(const double[:, ::1] points, const double[::1] arc, const dou
 def spread(path, double step):
     """Return configurations (S, n) of an unrolled path (N, n) at equal steps, no longer than `step`, and its length."""
     arc = arc_lengths(path)
+    if not len(arc):
+        raise InputError("a path needs a way point")
     cdef double length = arc[len(arc) - 1]
+    if not 0.0 <= length < MOST_STEPS * step:
+        raise InputError(f"there must be less than {MOST_STEPS} steps of {step:g} in a path of length {length:g}")
     cdef Py_ssize_t count = 1 + <Py_ssize_t> (length / step)
     return at_arc_lengths(path, arc, np.arange(count + 1) * (length / count)), length
 
@@ -249,10 +255,10 @@ cdef class PricedPath:
     cdef double *_frames
 
     def __cinit__(self, path, Py_ssize_t m):
-        cdef Py_ssize_t N = path.shape[0], n = path.shape[1], B = 2 * N - 2
+        cdef double[:, ::1] rows = np.array(path, dtype=np.float64, order="C")
+        cdef Py_ssize_t N = rows.shape[0], n = rows.shape[1], B = 2 * N - 2
         if N < 2 or n < 1 or m < 1:
             raise InputError(f"a path needs two way points of one joint at least, got {N} of {n}")
-        cdef double[:, ::1] rows = np.array(path, dtype=np.float64, order="C")
         cdef double[:, ::1] gradient = np.zeros((N, n))
         cdef double[::1] danger = np.zeros(B)
         cdef double[:, ::1] slopes = np.zeros((B, m))
@@ -348,7 +354,7 @@ cdef class Densities:
         cdef bint known = danger is not None
         self.check(n, 2 * N - 2)
         if known:
-            if danger.shape[0] != 2 * N - 2 or slopes.shape[0] != 2 * N - 2 or slopes.shape[1] != at.m:
+            if np.shape(danger) != (2 * N - 2,) or np.shape(slopes) != (2 * N - 2, at.m):
                 raise InputError(f"the danger must be known at {2 * N - 2} Gauss points")
             at.danger[:], at.slopes[:] = danger, slopes
         blocks, beside, vectors = np.zeros((N, n, n)), np.zeros((N - 1, n, n)), np.zeros((C + 1, at.m))
@@ -594,32 +600,39 @@ cdef class Walk:
     @property
     def path(self):
         """Where the descent is, (N, n)."""
-        return self._here.path
+        return self._place().path
 
     @property
     def danger(self):
         """The danger (2N − 2,) at the Gauss points of the path, once a step was taken."""
-        return self._here.danger
+        return self._place().danger
 
     @property
     def slopes(self):
         """The gradients (2N − 2, m) of that danger by the model's joints."""
-        return self._here.slopes
+        return self._place().slopes
 
     @property
     def cost(self):
         """The cost of the path."""
-        return self._here.value
+        return self._place().value
+
+    cdef PricedPath _place(self):
+        """Return the path, with what it costs; raise InputError if there is none, or a restart failed."""
+        if self._densities is None:
+            raise InputError("a descent needs a path: call restart first")
+        return self._here
 
     def restart(self, Densities densities not None, path, model, held=None):
         """Begin anew from a path; way points that are `held: (N,)` stay where they are, and so do the ends."""
+        self._densities = None
         moving = np.ones(len(path), np.uint8)
         if held is not None:
             moving[held] = 0
         moving[[0, -1]] = 0
         self._moving, self._size, self._remembered = moving, 1.0, 0
-        self._steps, self._changes = np.empty((MEMORY, *path.shape)), np.empty((MEMORY, *path.shape))
-        self._direction = np.empty(path.shape)
+        self._steps, self._changes = np.empty((2, MEMORY, *np.shape(path)))
+        self._direction = np.empty(np.shape(path))
         self.resume(densities, path, model)
 
     def resume(self, Densities densities not None, path, model):
@@ -627,18 +640,20 @@ cdef class Walk:
 
         What is remembered of the steps so far stays.
         """
-        if path.shape[0] != self._steps.shape[1] or path.shape[1] != self._steps.shape[2]:
-            raise InputError(f"the path must have {self._steps.shape[1]} way points, got {len(path)}")
-        if path.shape[1] != self._lower.shape[0] or path.shape[1] != self._upper.shape[0]:
-            raise InputError(f"way points must have {self._lower.shape[0]} joints, got {path.shape[1]}")
-        densities.check(path.shape[1], 2 * len(path) - 2)
-        self._densities, self._here, self._next = (
-            densities, PricedPath(path, densities.terms.m), PricedPath(path, densities.terms.m)
-        )
+        cdef Py_ssize_t N = self._steps.shape[1], n = self._steps.shape[2]
+        self._densities = None
+        if np.shape(path) != (N, n):
+            raise InputError(f"the path must have shape ({N}, {n}), got {np.shape(path)}")
+        if self._lower.shape[0] != n or self._upper.shape[0] != n:
+            raise InputError(f"way points must have {self._lower.shape[0]} joints, got {n}")
+        densities.check(n, 2 * N - 2)
+        self._here, self._next = PricedPath(path, densities.terms.m), PricedPath(path, densities.terms.m)
         self._here.value, self._here.near = model.value, model.near
         self._here.gradient[:] = model.gradient * np.asarray(self._moving)[:, None].view(np.bool_)
         self._band = factored(model.blocks, model.beside, self._moving)
-        self._idle, self.evaluations = 0, 0
+        if self._band.shape[0] != N * n:
+            raise InputError(f"blocks must be of {n} joints")
+        self._densities, self._idle, self.evaluations = densities, 0, 0
 
     def descend(self, stop, Py_ssize_t most, double largest, double idle):
         """Take up to so many steps, until it is time to stop; return whether more are not worthwhile.
@@ -648,6 +663,7 @@ cdef class Walk:
         """
         cdef Py_ssize_t done = 0
         cdef bint settled = False
+        self._place()
         while done < most and not settled:
             if stop():
                 return True
@@ -659,6 +675,7 @@ cdef class Walk:
     def direction(self):
         """Return the way (N, n) that a step is a part of, −H⁻¹∇J; ∇J·x, and the largest |x|."""
         cdef double slope, largest
+        self._place()
         slope = self._write_direction(&largest)
         return np.array(self._direction), slope, largest
 
