@@ -32,7 +32,7 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 # Vectors that say a direction are no shorter and no longer than this.
-_SHORTEST, _LONGEST = 0.1, 10.0
+_LEAST_DIRECTION, _MOST_DIRECTION = 0.1, 10.0
 _UNBOUNDED = 1e300  # [m]
 _MOST_POWERS = 16  # of a polynomial
 _DIGITS = 6
@@ -105,7 +105,7 @@ class ClaimedObstacles(Section):
 
 def _direction(key: str, value: Any) -> FloatArray:
     vector = document.array(key, value)
-    if vector.shape != (3,) or not _SHORTEST <= float(np.linalg.norm(vector)) <= _LONGEST:
+    if vector.shape != (3,) or not _LEAST_DIRECTION <= float(np.linalg.norm(vector)) <= _MOST_DIRECTION:
         raise InputError(f"must be a direction of three numbers, got {vector.tolist()!r}", key)
     return vector
 

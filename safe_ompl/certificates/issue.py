@@ -46,7 +46,7 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario, Scene
 
 # A bound of the danger within a tube is tried, and made larger by this factor, so often.
-_WIDER, _TRIALS = 1.1, 50
+_BOUND_FACTOR, _MOST_BOUNDS = 1.1, 50
 # What says of which kind a danger is.
 _KIND = ("aggregate", "weighting", "k1", "sharpness")
 # What says so of the danger of a motion in time besides.
@@ -217,7 +217,7 @@ def _danger_claim(
     bounds = CertifiedDanger(field).of_path(path)
     bound = max(bounds.upper, (1 + _LEAST_SLACK) * bounds.lower)
     if proof is not None and np.isfinite(bound):
-        tried = (bound * _WIDER**k for k in range(_TRIALS))
+        tried = (bound * _BOUND_FACTOR**k for k in range(_MOST_BOUNDS))
         kept = (b for b in tried if all(_keeps(DangerLimit(field, b), path, proof)))
         # What the tube adds is not known before.
         bound = next(kept, np.inf)

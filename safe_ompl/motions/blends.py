@@ -15,15 +15,15 @@ from safe_ompl.robot import Robot
 _log = logging.getLogger(__name__)
 
 # Turns by less than this are driven through as they are.
-_STRAIGHT = 1e-9  # [1/rad]
+_NEGLIGIBLE_TURN = 1e-9  # [1/rad]
 # Blends that are tried, in shares of the largest one that the tolerance allows.
-_SMALLER = (1.0, 0.5, 0.25, 0.1, 0.03)
+_BLEND_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
 # Share of the jerk that q‴ṡ³ may take; the rest is left for accelerating along the curve.
 BENDS = 0.9
 # Way points that are nearer are one.
-_SAME = 1e-12  # [rad]
+_EQUAL_POINTS = 1e-12  # [rad]
 # On lines between blends that are shorter than this, rounding would be a steep jump.
-_SHORT = 1e-5  # [rad]
+_LEAST_LINE = 1e-5  # [rad]
 
 
 def blended(
@@ -36,7 +36,7 @@ def blended(
     arc length of lines, and of blends nearly that. An InputError if the path does not move.
     """
     steps = robot.difference(path[:-1], path[1:])
-    moves = np.linalg.norm(steps, axis=1) > _SAME
+    moves = np.linalg.norm(steps, axis=1) > _EQUAL_POINTS
     if not moves.any():
         raise InputError("the path does not move: give two different way points at least")
     steps = steps[moves]
@@ -50,15 +50,15 @@ def blended(
     for k, (unit, length) in enumerate(zip(units, lengths.tolist(), strict=True)):
         blend, parts = list[FloatArray](), list[float]()
         last = k == len(units) - 1
-        bends = not last and np.linalg.norm(units[k + 1] - unit) > _STRAIGHT
+        bends = not last and np.linalg.norm(units[k + 1] - unit) > _NEGLIGIBLE_TURN
         if bends and proof is not None:
             longest = min(length, lengths[k + 1]) / 2
-            if _SAME * length < length - begun - longest < _SHORT:
-                longest -= min(_SHORT, longest / 2)
+            if _EQUAL_POINTS * length < length - begun - longest < _LEAST_LINE:
+                longest -= min(_LEAST_LINE, longest / 2)
             blend, parts = _blend(points[k + 1], unit, units[k + 1], longest, tolerance, proof, limits)
         room = sum(parts) / 2
         line = length - begun - room
-        if line > _SAME * length:
+        if line > _EQUAL_POINTS * length:
             spans.append(line)
             pieces.append(np.array([points[k] + begun * unit, line * unit, still, still]))
         pieces += blend
@@ -85,7 +85,7 @@ def _blend(
     """Return the pieces of a proven blend, coefficients (4, n), and their lengths; none if no blend is proven."""
     change = second - first
     longest = min(room, 4 * tolerance / float(np.linalg.norm(change)))
-    for share in _SMALLER:
+    for share in _BLEND_SHARES:
         reach = share * longest
         ramp = _ramp(np.abs(change), 2 * reach, limits)
         top = change / (2 * reach * (1 - ramp))

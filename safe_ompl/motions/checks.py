@@ -36,7 +36,7 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
 
 # A process checks so many motions in one go.
-_TOGETHER = 8
+_MOTIONS_PER_TASK = 8
 # A check may take so long by default.
 TIME = 60.0  # [s]
 
@@ -44,13 +44,19 @@ TIME = 60.0  # [s]
 class MotionCheck(NamedTuple):
     """What is proven of a motion; true if everything is."""
 
-    motion: Motion  # With its joints in the order of the robot's
-    claims: tuple[str, ...]  # What was to be proven: "joint limits", "collision", "min clearance", "velocity", …
-    violations: tuple[Violation, ...]  # What is not proven, by time; none: all of it is
-    proof: MotionProver  # By which it was to be proven: robot, scene, distances and the tube, danger and tool
-    limits: RateLimits | None = None  # Rates that it was to keep
-    people: People | None = None  # Beside whom it was to be proven to stop,
-    stops: Stops | None = None  # and how: `stops.stop_from(time)`
+    # The motion, with its joints in the robot's order.
+    motion: Motion
+    # What was to be proven: "joint limits", "collision", "min clearance", "velocity", …
+    claims: tuple[str, ...]
+    # What is not proven, in the order of time. An empty tuple means that all claims are proven.
+    violations: tuple[Violation, ...]
+    # The prover with the robot, the scene, the distances to keep, the tube, and limits of danger and tool.
+    proof: MotionProver
+    # The limits of the rates, if rates were checked.
+    limits: RateLimits | None = None
+    # The people beside whom stops were checked, and the stops: `stops.stop_from(time)`.
+    people: People | None = None
+    stops: Stops | None = None
 
     @property
     def separation(self) -> Separation:
@@ -175,7 +181,7 @@ def check_many(
     def lost(some: range, words: str) -> list[_CheckParts]:
         raise PlanningError(f"the check of motions {some.start} to {some.stop - 1} was lost: {words}")
 
-    parts = [range(k, min(k + _TOGETHER, len(given))) for k in range(0, len(given), _TOGETHER)]
+    parts = [range(k, min(k + _MOTIONS_PER_TASK, len(given))) for k in range(0, len(given), _MOTIONS_PER_TASK)]
     return [
         MotionCheck(motion, claims, violations, proof, rates, people)
         for checks in in_order(found, parts, workers, lost)

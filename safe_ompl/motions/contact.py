@@ -31,7 +31,8 @@ from safe_ompl.scene import BodyRegion, People, Scene
 
 CONTACT_RULES = SEPARATION, CONTACT, CLAMPING = "separation", "contact", "clamping"
 _TRUNK = ("neck", "shoulders", "torso", "hips", "left_flank", "right_flank")
-_SLOWEST = 1e-12  # [m/rad] bodies that move less stand still
+# A body that moves less than this per radian of the path stands still.
+_NEGLIGIBLE_SPEED = 1e-12  # [m/rad]
 
 
 def contact_speed(region: BodyRegion, clamped_by: float | None = None) -> float:
@@ -110,12 +111,12 @@ class ContactLimits:
         Of the cells: the configurations in the middle, `Q: (N, n)`; lengths [rad], and bounds (N, n) of |q′|; bounds of
         the speeds of points of moving `bodies: (N, G)` [m/rad].
         """
-        free = self.bears / np.maximum(bodies, _SLOWEST)[:, :, None]
+        free = self.bears / np.maximum(bodies, _NEGLIGIBLE_SPEED)[:, :, None]
         if self._always:
-            return np.minimum(self.bears_clamped / np.maximum(bodies, _SLOWEST)[:, :, None], free), free
+            return np.minimum(self.bears_clamped / np.maximum(bodies, _NEGLIGIBLE_SPEED)[:, :, None], free), free
         speeds = np.zeros((len(Q), bodies.shape[1] + 1))
         speeds[:, :-1] = bodies
         values, reach = plain(self._coupling.values(Q)), plain(self._coupling.reach(slopes))
         rates = self._gaps.rates(values, plain(sizes), reach, speeds)
-        slow = self.bears_clamped / np.maximum(rates, _SLOWEST)[:, :, self._width_of]
+        slow = self.bears_clamped / np.maximum(rates, _NEGLIGIBLE_SPEED)[:, :, self._width_of]
         return np.minimum(slow, free), free

@@ -15,12 +15,16 @@ from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.time_law import TimeLaw
 from safe_ompl.robot import plain
 
-_HALVINGS = 50
-_FINEST = 1e-3  # [rad] no cell is divided into smaller ones
-_LOSS = 0.02  # share of the speed that the length of a cell may cost
-_ROUNDS = 3  # of division, for a cap
-_TIGHT = 1.02  # a proven peak of no more than this times the sampled one needs no finer cells
-_PEAK_ROUNDS = 8
+# Bisection for the speed that keeps a limit of the danger.
+_CAP_HALVINGS = 50
+# A cell of a velocity limit is divided if its length costs more than this share of the speed. Cells are divided at most
+# this often, and never into cells shorter than this.
+_SPEED_LOSS = 0.02
+_CAP_DIVISIONS = 3
+_LEAST_CELL = 1e-3  # [rad]
+# For a proven peak, cells are divided at most this often, or until the peak is at most this times the sampled one.
+_PEAK_DIVISIONS = 8
+_TIGHT_PEAK = 1.02
 _PARTS = 3
 
 
@@ -33,7 +37,8 @@ class CellDanger(NamedTuple):
 
     def at(self, rates: FloatArray) -> FloatArray:
         """Return a bound of the danger (N,) in cells where ṡ is `rates: (N,)`."""
-        with np.errstate(invalid="ignore"):  # 0·∞, where a point may be reached
+        # The product 0·∞ occurs where a danger point may be touched.
+        with np.errstate(invalid="ignore"):
             fields = self.levels + rates[:, None] * self.increases
         return self.field.field.aggregated(np.where(np.isnan(fields), np.inf, fields))
 
@@ -50,7 +55,7 @@ class CellDanger(NamedTuple):
             found = np.minimum(most, speeds.min(axis=1, initial=np.inf))
         else:
             found, bad = np.where(self.at(most) <= limit, most, 0.0), most
-            for _ in range(_HALVINGS):
+            for _ in range(_CAP_HALVINGS):
                 middle = (found + bad) / 2
                 holds = self.at(middle) <= limit
                 found, bad = np.where(holds, middle, found), np.where(holds, bad, middle)
@@ -118,11 +123,11 @@ def danger_cap(
     parents: IntArray = np.arange(len(cells))
     speeds, exact = capped(parents), most.copy()
     new = np.ones(len(cells), dtype=bool)
-    for _ in range(_ROUNDS):
+    for _ in range(_CAP_DIVISIONS):
         rows = np.flatnonzero(new & (speeds < most[parents]))
         exact[rows] = capped(rows, within=False)
         loss = 1 - np.maximum(speeds, 0) / np.maximum(exact, 1e-12)
-        wanted = np.minimum(np.ceil(loss / _LOSS), np.ceil(cells.sizes / _FINEST))
+        wanted = np.minimum(np.ceil(loss / _SPEED_LOSS), np.ceil(cells.sizes / _LEAST_CELL))
         parts: IntArray = np.where(exact > 0, np.maximum(wanted, 1), 1).astype(np.intp)
         if (parts == 1).all():
             break
@@ -161,10 +166,10 @@ def motion_danger(motion: Motion, law: TimeLaw, field: KinetostaticField) -> Mot
 
 def _proven_peak(motion: Motion, cells: Cells, law: TimeLaw, danger: KinetostaticField, peak: float) -> float:
     """Divide the cells whose bound is above the sampled peak until none is far above it; return the highest."""
-    enough = _TIGHT * peak
+    enough = _TIGHT_PEAK * peak
     upper = np.zeros(len(cells))
     rows: IntArray = np.arange(len(cells))
-    for _ in range(_PEAK_ROUNDS):
+    for _ in range(_PEAK_DIVISIONS):
         slowest, fastest = (rates[rows] for rates in law.rates_between(cells.edges))
         bounds = cell_danger(danger, motion, cells, rows, fastest, enough)
         upper[rows] = np.maximum(bounds.at(fastest), bounds.at(slowest))

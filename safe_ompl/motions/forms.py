@@ -23,9 +23,9 @@ from safe_ompl.common import (
 from safe_ompl.robot import Robot
 
 # Times must be farther apart: powers of less have no digits.
-_LEAST = 1e-9  # [s]
+_LEAST_TIME_STEP = 1e-9  # [s]
 # Powers lose a factor of 3 in precision per degree, which is 1e7 at this one.
-_DEGREE = 15
+_MOST_DEGREE = 15
 
 Pieces: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 """Times (K + 1,), coefficients c_0 … c_d (K, d + 1, n), and a bound (K, n) of the sum of their errors."""
@@ -73,7 +73,7 @@ def bezier(control_points: ArrayLike, times: ArrayLike) -> Pieces:
 
 def bspline(thing: Any) -> Pieces:
     """Return SciPy's B-spline where it is defined; SciPy has looked at its knots."""
-    degree = whole_number("degree of the B-spline", int(thing.k), at_least=1, at_most=_DEGREE)
+    degree = whole_number("degree of the B-spline", int(thing.k), at_least=1, at_most=_MOST_DEGREE)
     knots = finite_array(thing.t, (None,), "knots")
     held = finite_array(vectors(thing, 2)[: len(knots) - degree - 1], (None, None), "control points")
     return polynomials.spline(knots, held, degree)
@@ -101,8 +101,8 @@ def _increasing(times: ArrayLike, count: int | None = None) -> FloatArray:
     if len(found) < 2:
         raise InputError(f"must be two at least, got {len(found)}", "times")
     steps = np.diff(found)
-    if not (steps >= _LEAST).all():
-        k = int((steps < _LEAST).argmax())
+    if not (steps >= _LEAST_TIME_STEP).all():
+        k = int((steps < _LEAST_TIME_STEP).argmax())
         least = ", by 1e-9 at least" * bool(steps[k] > 0)
         raise InputError(f"must increase{least}, got {found[k + 1]:.9g} after {found[k]:.9g} (number {k + 1})", "times")
     return found
@@ -127,9 +127,9 @@ def _rate_rows(values: Any, shape: tuple[int, int], name: str) -> tuple[FloatArr
 
 def of_degree(pieces: FloatArray) -> FloatArray:
     """Return coefficients (K, d + 1, n) if the degree is not too high."""
-    if pieces.shape[1] > _DEGREE + 1:
+    if pieces.shape[1] > _MOST_DEGREE + 1:
         raise InputError(
-            f"must have a degree of {_DEGREE} at most, beyond which powers lose digits, got {pieces.shape[1] - 1}",
+            f"must have a degree of {_MOST_DEGREE} at most, beyond which powers lose digits, got {pieces.shape[1] - 1}",
             "motion",
         )
     return pieces

@@ -22,9 +22,9 @@ RATE_TOLERANCE = (1e-6, 1e-6, 1e-6, 1e-3)
 Rates may be so much above their limits, and what must be continuous may jump so far. No faster than this is at rest.
 """
 # Where no limit of the acceleration is known a joint reaches its velocity in this time.
-_RISE = 0.25  # [s]
+_DEFAULT_RISE_TIME = 0.25  # [s]
 # From here on a velocity in a URDF stands for none.
-_UNLIMITED = 1e3  # [rad/s or m/s]
+_UNLIMITED_VELOCITY = 1e3  # [rad/s or m/s]
 
 
 @dataclass(frozen=True)
@@ -93,12 +93,12 @@ class RateLimits:
         in_urdf: FloatArray = np.array(model.velocityLimit, dtype=np.float64).ravel()[planned]
         velocities = _chosen(names, velocity, in_urdf, "velocity")
         for name, value, known in zip(names, velocities.tolist(), in_urdf, strict=True):
-            if value == known and not 0 < value < _UNLIMITED:
+            if value == known and not 0 < value < _UNLIMITED_VELOCITY:
                 raise InputError(
                     f"joint {name!r} has no velocity limit in its URDF ({value:g}); give one, as "
                     f"velocity={{{name!r}: 2.0}} [rad/s or m/s]"
                 )
-        default, said = velocities / _RISE, robot.accelerations
+        default, said = velocities / _DEFAULT_RISE_TIME, robot.accelerations
         accelerations = _chosen(names, said, default, "acceleration")
         if isinstance(acceleration, Mapping):
             said = {**said, **acceleration}
@@ -110,7 +110,7 @@ class RateLimits:
             warn_once(
                 _log,
                 f"{robot.name}: nobody says how fast {joints} may accelerate: taken is what reaches the velocity limit "
-                f"in {_RISE:g} s, {span}; give accelerations",
+                f"in {_DEFAULT_RISE_TIME:g} s, {span}; give accelerations",
             )
         if isinstance(jerk, Mapping) and (missing := [name for name in names if name not in jerk]):
             raise InputError(f"joint {missing[0]!r} has no jerk limit; give those of all joints, or none")

@@ -20,11 +20,11 @@ from safe_ompl.motions.limits import RATE_TOLERANCE
 from safe_ompl.robot import Robot, plain
 
 # Rounding of places is allowed for where it is larger than this, which is far below what proofs keep in any case.
-_ROUGH = 1e-9  # [rad or m]
+_NEGLIGIBLE_ROUNDING = 1e-9  # [rad or m]
 # A joint with limits that moves beyond this is probably given in degrees.
-_TURNS = 4 * np.pi  # [rad]
+_PROBABLY_DEGREES = 4 * np.pi  # [rad]
 # Stretches that are cut off a motion, and are shorter than this, are rounding.
-_NOTHING = 1e-12  # [s, or rad]
+_NEGLIGIBLE_STRETCH = 1e-12  # [s, or rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ class Motion:
         Where coefficients cancel, places of the polynomial are rounded by more than proofs allow for in any case.
         """
         rough = 4 * (self.degree + 1) * polynomials.EPS * np.abs(self.coefficients).sum(axis=1)
-        allowance: FloatArray = np.where(rough > _ROUGH, rough, 0.0)
+        allowance: FloatArray = np.where(rough > _NEGLIGIBLE_ROUNDING, rough, 0.0)
         for part in (self.slack, self.rounding):
             allowance += 0.0 if part is None else part
         allowance[1:] += np.abs(self.jumps(0))
@@ -194,7 +194,7 @@ class Motion:
         limited = ~(robot.prismatic | robot.continuous)
         ends = coefficients[-1].sum(axis=0)
         far = np.abs([*coefficients[:, 0], ends]).max(axis=0) * limited
-        if (far > _TURNS).any():
+        if (far > _PROBABLY_DEGREES).any():
             joint = robot.joint_names[int(far.argmax())]
             raise InputError(
                 f"joint {joint!r} moves to {far.max():.4g} rad, more than two turns; if these are degrees, "
@@ -235,8 +235,8 @@ class Motion:
     def part(self, first: float, last: float) -> Motion:
         """Return the stretch between two values first < last of its parameter; that of the stretch begins at 0."""
         a, b = self.piece_at(np.array([first, last])).tolist()
-        a += bool(self.times[a + 1] - first < _NOTHING and a < b)
-        b -= bool(last - self.times[b] < _NOTHING and a < b)
+        a += bool(self.times[a + 1] - first < _NEGLIGIBLE_STRETCH and a < b)
+        b -= bool(last - self.times[b] < _NEGLIGIBLE_STRETCH and a < b)
         times = np.clip(self.times[a : b + 2], first, last) - first
         coefficients = self.coefficients[a : b + 1].copy()
         shares = (np.array([first, last]) - self.times[[a, b]]) / self._spans[[a, b]]

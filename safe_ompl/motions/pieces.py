@@ -16,9 +16,9 @@ from safe_ompl.motions.rates import Violation
 
 _OUT_OF_TIME = "out of time"
 # The shortest stretch that is reported as not proven, as a share of a piece.
-_FINEST = 2.0**-7
+_LEAST_REPORTED_SHARE = 2.0**-7
 # A smaller required distance allows for rounding, and is not called a clearance.
-_TOUCHING = 1e-6  # [m]
+_LEAST_CLEARANCE = 1e-6  # [m]
 
 
 class PieceProof(NamedTuple):
@@ -60,7 +60,7 @@ class PieceProof(NamedTuple):
             first, last = self.time(low), self.time(high)
             yield Violation(_OUT_OF_TIME, first, last, first, (), decided=False)
             return
-        if high - low > _FINEST:
+        if high - low > _LEAST_REPORTED_SHARE:
             middle = 0.5 * (low + high)
             yield from self.unproven(low, middle)
             yield from self.unproven(middle, high)
@@ -93,7 +93,7 @@ class PieceProof(NamedTuple):
         worst = int((distances - needed).argmin())
         distance, least = float(distances[worst]), float(needed[worst])
         given = {"names": checker.pair_names[worst], "value": distance}
-        if distance <= 0.0 or least <= _TOUCHING:
+        if distance <= 0.0 or least <= _LEAST_CLEARANCE:
             return given
         # What the tube and the allowance of the piece add is no limit that somebody has set.
         asked = float(replace(self.proof.separation, tube=()).required(checker).least[worst])

@@ -20,13 +20,13 @@ from safe_ompl.motions.timing import CELL_LENGTH, CELLS, within_tube
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People
 
-_KINDS = ("position", "velocity", "acceleration", "jerk")
-_UNITS = ("", "/s", "/s²", "/s³")
+_DERIVATIVES = ("position", "velocity", "acceleration", "jerk")
+_DERIVATIVE_UNITS = ("", "/s", "/s²", "/s³")
 DISTANCES = ("collision", "clearance", "separation")
 # A position may be outside of its limits by this, as for `Robot.within_limits`.
-_WITHIN = 1e-9  # [rad or m]
+_POSITION_TOLERANCE = 1e-9  # [rad or m]
 # Bodies of a motion that is known to rounding may come nearer by less than this, which no message names.
-_SEEN = 1e-6  # [m]
+_NEGLIGIBLE_DISTANCE = 1e-6  # [m]
 
 
 class Extremes(NamedTuple):
@@ -45,17 +45,22 @@ class Violation:
     # "collision", "clearance", "danger", "tool orientation", "tip position", the name of a check of the user's own,
     # "position", "velocity", "acceleration" or "jerk"; "separation": a stop that begins there is too late
     kind: str
-    first: float  # It is between these [s]
+    # The violation is somewhere between these two times [s].
+    first: float
     last: float
-    at: float  # It is worst here, of the places looked at [s]
-    names: tuple[str, ...]  # The pair that touches or is too near, or the joint; the link and who comes to it
+    # The time at which it is worst, of the times that were computed [s].
+    at: float
+    # The pair of bodies, or the joint. For a late stop these are the link and the person's limb.
+    names: tuple[str, ...]
     # What is found there, and the limit that was set and that it exceeds or falls below: distance [m], danger, or the
     # rate of a joint; None where nobody set one. Of stops the distance that is left to people, negative by how much
     # farther they may have come, and their clearance.
     value: float | None = None
     limit: float | None = None
-    decided: bool = True  # False: no violation is found, but no proof either
-    unit: str = ""  # Of value and limit, other than of distances
+    # False if neither a violation nor a proof was found.
+    decided: bool = True
+    # Unit of `value` and `limit`, if they are no distances.
+    unit: str = ""
     # By how much nearer [m] than `value` the pair may come within the tube, and where else the motion may be.
     nearer: float = 0.0
 
@@ -77,7 +82,9 @@ class Violation:
         value, limit = self.quantities
         names = " and ".join(map(repr, self.names))
         found = f", {value}" * bool(value)
-        nearer = f"{1e3 * self.nearer:.4g} mm nearer where the motion may be" if self.nearer > _SEEN else ""
+        nearer = (
+            f"{1e3 * self.nearer:.4g} mm nearer where the motion may be" if self.nearer > _NEGLIGIBLE_DISTANCE else ""
+        )
         bounds = ", ".join(part for part in (limit and f"limit {limit}", nearer) if part)
         bound = f" ({bounds})" * bool(bounds)
         kind = self.kind if self.decided else f"{self.kind} undecided"
@@ -122,7 +129,7 @@ def rate_violations(motion: Motion, robot: Robot, limits: RateLimits | None = No
     """
     motion = motion.for_robot(robot)
     low, high, low_at, high_at = extremes(motion, 0, robot.lower, robot.upper)
-    free = np.where(robot.continuous, np.inf, _WITHIN)
+    free = np.where(robot.continuous, np.inf, _POSITION_TOLERANCE)
     found = list(_worst(robot, 0, "position", low_at, low, robot.lower - free - low, robot.lower))
     found += _worst(robot, 0, "position", high_at, high, high - robot.upper - free, robot.upper)
     if limits is not None and motion.rated:
@@ -141,7 +148,7 @@ def rate_violations(motion: Motion, robot: Robot, limits: RateLimits | None = No
                 times = np.broadcast_to(motion.times[1:-1, None], jumps.shape)
                 excess = np.abs(jumps) - RATE_TOLERANCE[order - 1]
                 none = np.zeros(robot.n)
-                found += _worst(robot, order - 1, f"{_KINDS[order - 1]} jump", times, jumps, excess, none)
+                found += _worst(robot, order - 1, f"{_DERIVATIVES[order - 1]} jump", times, jumps, excess, none)
     return sorted(found, key=lambda violation: (violation.at, violation.names, violation.kind))
 
 
@@ -155,7 +162,7 @@ def _worst(
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
             high = excess[run, joint].max() - 1e-9 * np.abs(values[run, joint]).max()
             worst = run[(excess[run, joint] >= high).argmax()]  # the first of equals
-            unit = ("m" if robot.prismatic[joint] else "rad") + _UNITS[order]
+            unit = ("m" if robot.prismatic[joint] else "rad") + _DERIVATIVE_UNITS[order]
             at, name = float(times[worst, joint]), robot.joint_names[joint]
             value, limit = float(values[worst, joint]), float(limits[joint])
             yield Violation(kind, at, at, at, (name,), value, limit, True, unit)

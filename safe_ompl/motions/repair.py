@@ -33,35 +33,35 @@ Connect = Callable[[FloatArray, FloatArray], "FloatArray | None"]
 # are attempted. Short spans come first: they change less of the motion, but cannot move it as far.
 _SPANS = ((0.06, 6), (0.2, 16))
 # Distances are looked at where a piece that is not proven is at these fractions.
-_PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)
+_GRADIENT_PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)
 # Distances should exceed the required ones by these lengths, in turn; so many attempts are made with each.
-_SPARE = (5e-4, 1e-3, 2e-3, 4e-3)  # [m]
+_EXTRA_DISTANCES = (5e-4, 1e-3, 2e-3, 4e-3)  # [m]
 _ATTEMPTS = 4
 # Share of the moves found before that is kept: none in the first attempts, then more with each, so that attempts do not
 # alternate between two motions.
-_KEPT, _MOST_KEPT = 0.25, 0.9
+_KEPT_SHARE, _MOST_KEPT_SHARE = 0.25, 0.9
 # Joints should keep so much from their limits.
-_LIMIT = 1e-4  # [rad or m]
+_LIMIT_MARGIN = 1e-4  # [rad or m]
 # Derivatives that differ by less at a knot, relative to their size, are equal.
-_SMOOTH = 1e-6
+_EQUAL_DERIVATIVES = 1e-6
 # A planner's path must end no farther from where it should.
-_SAME = 1e-6  # [rad or m]
+_EQUAL_ENDS = 1e-6  # [rad or m]
 # Moves below this are rounding.
-_NOTHING = 1e-12  # [rad or m]
+_NEGLIGIBLE_MOVE = 1e-12  # [rad or m]
 # The search for the constraints that bind takes at most so many rounds, and may violate one by so much.
-_ROUNDS = 100
-_ENOUGH = 1e-5  # [m or rad]
+_MOST_ACTIVE_SET_ROUNDS = 100
+_CONSTRAINT_TOLERANCE = 1e-5  # [m or rad]
 # Relative regularisation, for constraints that contradict each other.
-_SOFT = 1e-4
+_REGULARISATION = 1e-4
 # Distances that exceed what they should be by less are constraints, too.
-_BAND = 0.01  # [m]
+_CONSTRAINT_BAND = 0.01  # [m]
 # A distance is to grow by at most this in one attempt: gradients hold near by only.
-_FARTHEST = 0.03  # [m]
+_MOST_DISTANCE_GAIN = 0.03  # [m]
 # Kinds that time lowers, rates by its power; and factors of time: the largest, that of a trial, and of a search.
-_SLOWER = {"velocity": 1, "acceleration": 2, "jerk": 3, "separation": 0}
-_SLOWEST, _SLOW_STEP, _SLOW_ENOUGH = 20.0, 1.3, 1.02
+_POWERS_OF_TIME = {"velocity": 1, "acceleration": 2, "jerk": 3, "separation": 0}
+_MOST_SLOWDOWN, _TRIAL_SLOWDOWN, _SLOWDOWN_PRECISION = 20.0, 1.3, 1.02
 # No B-spline moves a joint by more in one attempt.
-_STEP = 0.3  # [rad or m]
+_MOST_JOINT_MOVE = 0.3  # [rad or m]
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Repair:
 
     # The motion that was given where nothing had to change, or nothing near it can be proven.
     motion: Motion
-    check: MotionCheck  # What is proven of it
+    check: MotionCheck  # of the repaired motion
     # "unchanged"; "moved", by as little as possible; "planned": it follows a planner's way round somewhere; "slowed",
     # or one of these before; or why nothing near could be proven
     how: str
@@ -146,7 +146,7 @@ def _slowed(repair: Repair, proven: Callable[[Motion], MotionCheck]) -> Repair:
     kinds = {violation.kind for violation in worst}
     if not kinds:
         return repair
-    if not kinds <= set(_SLOWER):
+    if not kinds <= set(_POWERS_OF_TIME):
         return replace(repair, how=f"{repair.how}, but not proven: {worst[0]}")
 
     def slower(factor: float) -> tuple[Motion, MotionCheck]:
@@ -155,18 +155,18 @@ def _slowed(repair: Repair, proven: Callable[[Motion], MotionCheck]) -> Repair:
         return found, proven(found)
 
     excess = [
-        abs(violation.value / violation.limit) ** (1 / _SLOWER[violation.kind])
+        abs(violation.value / violation.limit) ** (1 / _POWERS_OF_TIME[violation.kind])
         for violation in worst
-        if _SLOWER[violation.kind] and violation.value is not None and violation.limit
+        if _POWERS_OF_TIME[violation.kind] and violation.value is not None and violation.limit
     ]
-    low, high = 1.0, max([*excess, _SLOW_STEP if "separation" in kinds else 1.0])
+    low, high = 1.0, max([*excess, _TRIAL_SLOWDOWN if "separation" in kinds else 1.0])
     found, check = slower(high)
-    while not check and high < _SLOWEST:
-        low, high = high, _SLOW_STEP * high
+    while not check and high < _MOST_SLOWDOWN:
+        low, high = high, _TRIAL_SLOWDOWN * high
         found, check = slower(high)
     if not check:
         return replace(repair, how=f"{repair.how}, but not proven at any pace: {worst[0]}")
-    while "separation" in kinds and high > _SLOW_ENOUGH * low:
+    while "separation" in kinds and high > _SLOWDOWN_PRECISION * low:
         middle = (low * high) ** 0.5
         trial, verdict = slower(middle)
         if verdict:
@@ -203,7 +203,7 @@ class Displacement:
             if path is None:
                 continue
             path = self._proof.checker.robot.unrolled(np.vstack([motion.knots[first], path[1:]]))
-            if np.abs(path[-1] - motion.knots[last]).max() > _SAME:
+            if np.abs(path[-1] - motion.knots[last]).max() > _EQUAL_ENDS:
                 continue
             followed = _following(motion, path, first, last)
             found = None if followed is None else self._proven_near(followed, _SPANS[-1][1])
@@ -228,7 +228,7 @@ class Displacement:
         # Where something was too near, in the order in which it was found.
         places: dict[tuple[int, float], None] = {}
         moved, waiting = motion, set(range(motion.pieces))
-        for attempt, spare in enumerate(np.repeat(_SPARE, _ATTEMPTS).tolist()[:attempts]):
+        for attempt, spare in enumerate(np.repeat(_EXTRA_DISTANCES, _ATTEMPTS).tolist()[:attempts]):
             pieces = list(piece_proofs(moved, self._proof))
             verdicts = {k: pieces[k].verdict() for k in sorted(waiting)}
             bad = {k: found.at for k, found in verdicts.items() if found.verdict is not Verdict.FREE}
@@ -236,7 +236,7 @@ class Displacement:
                 return moved
             asked = dict(places)
             for k, witness in bad.items():
-                asked |= dict.fromkeys((k, u) for u in (*_PLACES, 0.5 if witness is None else witness))
+                asked |= dict.fromkeys((k, u) for u in (*_GRADIENT_PLACES, 0.5 if witness is None else witness))
             values = _values(basis, list(asked))
             of, slopes, missing = self._missing(pieces, list(asked), spare * values.sum(axis=1))
             lacking = set(of[missing > 0].tolist())
@@ -245,14 +245,14 @@ class Displacement:
             chosen = np.isin(of, kept) & (values[of] != 0.0).any(axis=1)
             of, slopes, missing = of[chosen], slopes[chosen], missing[chosen]
             rows = values[of]
-            kept_moves = np.clip(_KEPT * (attempt - _ATTEMPTS), 0.0, _MOST_KEPT) * moves
+            kept_moves = np.clip(_KEPT_SHARE * (attempt - _ATTEMPTS), 0.0, _MOST_KEPT_SHARE) * moves
             undone = np.einsum("mi,mj,ji->m", slopes, rows, moves - kept_moves)
-            wanted = np.minimum(missing, _FARTHEST) + undone
+            wanted = np.minimum(missing, _MOST_DISTANCE_GAIN) + undone
             if not len(rows):
                 # Distances suffice at all places looked at, but not for a proof: the next attempt asks for more.
                 continue
             step = kept_moves + _least_moves(rows, slopes, wanted) - moves
-            moves = moves + step * min(1.0, _STEP / max(float(np.abs(step).max()), _NOTHING))
+            moves = moves + step * min(1.0, _MOST_JOINT_MOVE / max(float(np.abs(step).max()), _NEGLIGIBLE_MOVE))
             before, moved = moved, _moved(motion, basis, moves)
             differs = np.abs(moved.coefficients - before.coefficients).max(axis=(1, 2)) > 0.0
             waiting = {*bad, *np.flatnonzero(differs).tolist()}
@@ -265,9 +265,9 @@ class Displacement:
         found = []
         for sign, bound in ((1.0, robot.lower), (-1.0, robot.upper)):
             inside = np.where(robot.continuous, np.inf, sign * (Q - bound))
-            of, joints = np.nonzero(inside < _LIMIT)
+            of, joints = np.nonzero(inside < _LIMIT_MARGIN)
             room = inside[of, joints]
-            found.append((of, sign * np.eye(robot.n)[joints], np.where(room < 0, _LIMIT - room, 0.0)))
+            found.append((of, sign * np.eye(robot.n)[joints], np.where(room < 0, _LIMIT_MARGIN - room, 0.0)))
         proofs = {id(pieces[k].proof): pieces[k].proof for k, _ in places}
         for number, proof in proofs.items():
             rows = np.array([row for row, (k, _) in enumerate(places) if id(pieces[k].proof) == number])
@@ -280,7 +280,7 @@ class Displacement:
         """Return by how much distances are too small at `Q: (B, n)`; negative for those that may become too small."""
         robot, required = proof.checker.robot, proof.required
         pairs, wanted = required.pairs, required.least + spare[:, None]
-        near = wanted + _BAND
+        near = wanted + _CONSTRAINT_BAND
         bounds = pairs.bounds.of(Q, np.arange(wanted.shape[1]), float(near.max(initial=0.0)))
         of, joints, points, normals, missing = [], [], [], [], []
         for row in np.flatnonzero((bounds < near).any(axis=1)).tolist():
@@ -315,7 +315,7 @@ def _divided(motion: Motion, pieces: set[int], span: float) -> Motion:
     """Return the same motion with some of its pieces divided so that none moves farther than about a span."""
     cuts = {}
     for k in pieces:
-        at = np.polynomial.polynomial.polyval(np.array(_PLACES), motion.coefficients[k]).T
+        at = np.polynomial.polynomial.polyval(np.array(_GRADIENT_PLACES), motion.coefficients[k]).T
         parts = int(np.ceil(np.linalg.norm(np.diff(at, axis=0), axis=1).sum() / span))
         if parts > 1:
             cuts[k] = np.linspace(0.0, 1.0, parts + 1)[1:-1]
@@ -330,7 +330,7 @@ def _basis(motion: Motion) -> FloatArray:
     for order in range(1, degree):
         size = np.abs(motion.derivative_coefficients(order)).sum(axis=1).max(axis=1)
         jump = np.abs(motion.jumps(order)).max(axis=1)
-        equal = equal & (jump <= _SMOOTH * np.maximum(np.maximum(size[:-1], size[1:]), 1e-12))
+        equal = equal & (jump <= _EQUAL_DERIVATIVES * np.maximum(np.maximum(size[:-1], size[1:]), 1e-12))
         smoothness += equal
     inner = np.repeat(motion.times[1:-1], degree - smoothness)
     first, last = motion.times[[0, -1]]
@@ -352,7 +352,7 @@ def _values(basis: FloatArray, places: list[tuple[int, float]]) -> FloatArray:
 def _moved(motion: Motion, basis: FloatArray, moves: FloatArray) -> Motion:
     """Return the motion moved by B-splines."""
     change = basis @ moves
-    change[np.abs(change).max(axis=(1, 2)) <= _NOTHING] = 0.0
+    change[np.abs(change).max(axis=(1, 2)) <= _NEGLIGIBLE_MOVE] = 0.0
     size = np.abs(motion.coefficients).sum(axis=1) + np.abs(change).sum(axis=1)
     rounding = np.zeros_like(size) if motion.rounding is None else motion.rounding
     rounding = rounding + 8 * polynomials.EPS * size
@@ -401,12 +401,12 @@ def _least_moves(rows: FloatArray, slopes: FloatArray, wanted: FloatArray) -> Fl
     (Solving Least Squares Problems, 1974, ch. 23) finds them: the most violated comes in, what would pull drops out.
     """
     products = (rows @ rows.T) * (slopes @ slopes.T)
-    products[np.diag_indices_from(products)] *= 1.0 + _SOFT
+    products[np.diag_indices_from(products)] *= 1.0 + _REGULARISATION
     weights, active = np.zeros(len(wanted)), np.zeros(len(wanted), dtype=bool)
-    for _ in range(_ROUNDS):
+    for _ in range(_MOST_ACTIVE_SET_ROUNDS):
         violated = np.where(active, 0.0, wanted - products[:, active] @ weights[active])
         entering = int(violated.argmax())
-        if violated[entering] <= _ENOUGH:
+        if violated[entering] <= _CONSTRAINT_TOLERANCE:
             break
         active[entering] = True
         while active.any():
@@ -419,23 +419,23 @@ def _least_moves(rows: FloatArray, slopes: FloatArray, wanted: FloatArray) -> Fl
             now = weights[chosen]
             share = float((now[pulls] / (now[pulls] - best[pulls])).min())
             weights[chosen] = now + share * (best - now)
-            dropped = chosen[pulls & (weights[chosen] <= _NOTHING)]
+            dropped = chosen[pulls & (weights[chosen] <= _NEGLIGIBLE_MOVE)]
             weights[dropped], active[dropped] = 0.0, False
     return np.asarray(np.einsum("m,mj,mi->ji", weights, rows, slopes))
 
 
 def _measured(given: Motion, found: Motion, check: MotionCheck, how: str, proof: MotionProver) -> Repair:
     """Return the repair with what it changed."""
-    places = np.linspace(found.times[:-1], found.times[1:], len(_PLACES), axis=1)
+    places = np.linspace(found.times[:-1], found.times[1:], len(_GRADIENT_PLACES), axis=1)
     flat = places.ravel()
     Q, P = found.at(flat), given.at(flat)
     apart = np.abs(Q - P).max(axis=1)
     robot = proof.checker.robot
     worst = int(apart.argmax())
-    differs = np.flatnonzero(apart > _NOTHING)
+    differs = np.flatnonzero(apart > _NEGLIGIBLE_MOVE)
     tips = (robot.tip_pose(Q[k]).translation - robot.tip_pose(P[k]).translation for k in differs.tolist())
     tool = max((float(np.linalg.norm(tip)) for tip in tips), default=0.0)
-    pieces = (apart > _NOTHING).reshape(places.shape).any(axis=1)
+    pieces = (apart > _NEGLIGIBLE_MOVE).reshape(places.shape).any(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], pieces, [0]])))
     changed = tuple((float(found.times[a]), float(found.times[b])) for a, b in edges.reshape(-1, 2))
     return Repair(found, check, how, float(apart[worst]), 1e3 * tool, float(flat[worst]), changed)

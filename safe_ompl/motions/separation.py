@@ -25,7 +25,7 @@ from safe_ompl.motions.motion import Motion
 from safe_ompl.robot import Robot, plain
 from safe_ompl.scene import People, Scene
 
-_SHORT = 0.05  # [s] See `PeopleDistances.along`
+_PREVIEW_TIME = 0.05  # [s] See `PeopleDistances.along`
 
 
 class SeparationBounds(NamedTuple):
@@ -80,7 +80,7 @@ class PeopleDistances:
         return float(self.speeds[limb] * time)
 
     def along(
-        self, motion: Motion, cells: Cells, bodies: BodySpeeds, soon: float, short: float = _SHORT
+        self, motion: Motion, cells: Cells, bodies: BodySpeeds, soon: float, short: float = _PREVIEW_TIME
     ) -> SeparationBounds:
         """Return what is left in the cells of a curve; only what may arrive first is bounded well.
 

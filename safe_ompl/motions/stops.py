@@ -35,18 +35,18 @@ from safe_ompl.motions.trajectory import SpeedCap
 
 # Cells of a motion that is driven as it is are divided in at most so many rounds, a cell into at most so many parts in
 # each, and none into smaller ones than this.
-_ROUNDS = 6
+_MOST_DIVISIONS = 6
 _MOST_PARTS = 8
-_SHORTEST = 1e-4  # [s]
+_LEAST_CELL_TIME = 1e-4  # [s]
 # A stop might be shorter by this share of its time in finer cells.
-_ROUGH = 0.01
+_STOP_TIME_LOSS = 0.01
 # Finer cells may show that speeds are harmless which are above this share of a harmless speed.
-_NEARLY = 0.9
+_NEARLY_HARMLESS = 0.9
 # Cells of a path whose speeds are asked for are divided into no smaller ones. Times that are left are taken to be at
 # least this long, and stops take no longer than so many times that of constant deceleration.
-_SMALLEST = 1e-3  # [rad]
-_INSTANT = 0.005  # [s]
-_SOON = 3.0
+_LEAST_CELL_LENGTH = 1e-3  # [rad]
+_LEAST_TIME_LEFT = 0.005  # [s]
+_MOST_STOP_TIME_FACTOR = 3.0
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,8 @@ class Stops:
         """Return what stops that begin in a cell have least left to: link, person and limb, and how much [m]."""
         k, m = int(self.where[cell]), int(self.limb[cell])
         bounds, distances, people = self.separation, self.distances, self.distances.people
-        time = float(bounds.times[k, m])  # infinite of limbs at rest
+        # The time is infinite for limbs that do not move.
+        time = float(bounds.times[k, m])
         since = people.reaction_time + (time - float(self.left[cell]) if np.isfinite(time) else 0.0)
         room = bounds.distances[k, m] - people.clearance - distances.grown(m, since)
         return distances.links[int(bounds.nearest[k, m])], distances.limbs[m], float(room)
@@ -98,7 +99,7 @@ def stops_beside(
 ) -> Stops:
     """Return how a motion, which ends at rest, stops beside people, and what is left; see the module."""
     accelerations = limits.acceleration
-    for rounds_left in reversed(range(_ROUNDS + 1)):
+    for rounds_left in reversed(range(_MOST_DIVISIONS + 1)):
         braked = cells.sizes, cells.boxes, accelerations, cells.last_before_stop
         none = np.empty((len(cells), 0))
         spans = time_left(*braked, none, none)[-1]
@@ -108,11 +109,13 @@ def stops_beside(
         times = np.where(still[:, None], np.inf, found.times)
         left, limb, where, entries, _ = time_left(*braked, times, found.harmless)
         loss = found.lost[where, limb] + cells.sizes + 2 * cells.sizes[where]
-        loss = np.where(limb < 0, 0.0, loss) + _ROUGH * spans
-        slow = found.harmless[where, limb] > _NEARLY * entries
-        loss = np.where(slow & (left < 0), np.maximum(loss, -2 * left), loss)  # finer cells bound speeds better
+        loss = np.where(limb < 0, 0.0, loss) + _STOP_TIME_LOSS * spans
+        slow = found.harmless[where, limb] > _NEARLY_HARMLESS * entries
+        # Finer cells have better bounds of speeds, so a late stop may turn out to be harmless.
+        loss = np.where(slow & (left < 0), np.maximum(loss, -2 * left), loss)
         parts = _finer(cells, left, where, loss)
-        if not rounds_left or (parts == 1).all() or (left + loss < 0).any():  # finer cells would not help everywhere
+        # Dividing ends, too, if some stop is so late that finer cells cannot help.
+        if not rounds_left or (parts == 1).all() or (left + loss < 0).any():
             return Stops(cells, accelerations, left, limb, where, loss, found, distances)
         cells = motion.between(divided_edges(cells.edges, parts))
     raise AssertionError
@@ -125,7 +128,7 @@ def _finer(cells: Cells, left: FloatArray, where: IntArray, loss: FloatArray) ->
         k, wanted = where[j], np.clip(np.ceil(loss[j] / (left[j] + loss[j])), 2, _MOST_PARTS)
         parts[j : k + 1] = np.maximum(parts[j : k + 1], 2)
         parts[[j, k]] = np.maximum(parts[[j, k]], wanted)
-    most = np.maximum(cells.sizes / _SHORTEST, 1.0).astype(np.intp)
+    most = np.maximum(cells.sizes / _LEAST_CELL_TIME, 1.0).astype(np.intp)
     return np.asarray(np.minimum(parts, most))
 
 
@@ -151,7 +154,7 @@ def people_caps(
         bending = bending_cap(cells, limits)
         most = caps = np.minimum(velocity_cap(cells, limits), bending)
         brakes = braking(cells, limits, caps)
-        left = distances.along(motion, cells, bodies, _SOON * float(caps.max() / brakes.min()))
+        left = distances.along(motion, cells, bodies, _MOST_STOP_TIME_FACTOR * float(caps.max() / brakes.min()))
         # Of each of K groups of limbs (M,) which one comes first in each cell (N, K), and when
         rows = [np.flatnonzero(distances.alike == group) for group in range(int(distances.alike.max()) + 1)]
         first = np.stack([row[left.times[:, row].argmin(axis=1)] for row in rows], axis=1)
@@ -187,8 +190,8 @@ def _parts(cells: Cells, left: SeparationBounds, limb: IntArray, where: IntArray
     parts: IntArray = np.ones(len(cells), dtype=np.intp)
     k, m = np.unique(np.stack([where, limb])[:, limb >= 0], axis=1)
     lost = left.lost[k, m]
-    wanted = lost / (loss * np.maximum(left.times[k, m] + lost, _INSTANT))
-    wanted = np.ceil(np.minimum(wanted, cells.sizes[k] / _SMALLEST)).astype(np.intp)
+    wanted = lost / (loss * np.maximum(left.times[k, m] + lost, _LEAST_TIME_LEFT))
+    wanted = np.ceil(np.minimum(wanted, cells.sizes[k] / _LEAST_CELL_LENGTH)).astype(np.intp)
     np.maximum.at(parts, k, wanted)
     return parts
 

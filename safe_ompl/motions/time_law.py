@@ -20,13 +20,13 @@ from safe_ompl.motions.laws import fastest, spread
 from safe_ompl.motions.limits import RateLimits
 from safe_ompl.robot import plain
 
-_HALVINGS = 36
+_SPEED_HALVINGS = 36
 # Of the windows that are tried each is shorter than the one before by this factor; there are at most so many. The first
 # one is so many times as long as the jerk needs from no acceleration to all of it.
-_SHORTER, _WINDOWS = 0.75, 40
-_LONGEST = 8.0
+_WINDOW_FACTOR, _MOST_WINDOWS = 0.75, 40
+_FIRST_WINDOW = 8.0
 # Rounding does not touch averages over windows that are at least so long.
-_SHORTEST = 1e-4  # [s]
+_LEAST_WINDOW = 1e-4  # [s]
 # The share `BENDS` is less beside people, whose stops need the jerk.
 _BENDS_BESIDE_PEOPLE = 0.1
 # Share of the range of σ̈ that is for stops beside people.
@@ -253,7 +253,7 @@ class SmoothLaw(TimeLaw):
         """Return when arc lengths (S,) are passed, by bisection: s grows with time."""
         cell = np.clip(np.searchsorted(self.edges, s, side="right") - 1, 0, len(self.edges) - 2)
         early, late = self.arrivals[cell], self.arrivals[cell + 1] + self.window
-        for _ in range(_HALVINGS):
+        for _ in range(_SPEED_HALVINGS):
             middle = (early + late) / 2
             area = (self._plan(middle)[0] - self._plan(middle - self.window)[0]) / self.window
             early, late = np.where(area <= s, middle, early), np.where(area <= s, late, middle)
@@ -331,9 +331,9 @@ def best_window(cells: Cells, limits: RateLimits, caps: FloatArray, times: Float
     with np.errstate(divide="ignore"):
         accelerations = (limits.acceleration / cells.dq_ds).min(axis=1)
     accelerations = np.minimum(accelerations, np.linalg.norm(limits.acceleration))
-    window = max(_LONGEST * float((cells.dq_ds * accelerations[:, None] / limits.jerk).max()), _SHORTEST)
+    window = max(_FIRST_WINDOW * float((cells.dq_ds * accelerations[:, None] / limits.jerk).max()), _LEAST_WINDOW)
     best, least, worse = window, np.inf, 0
-    for _ in range(_WINDOWS):
+    for _ in range(_MOST_WINDOWS):
         smooth = SmoothLimits.of(cells, limits, caps, window, stops=stops)
         speeds, duration = caps, np.inf
         if times is not None:
@@ -346,7 +346,7 @@ def best_window(cells: Cells, limits: RateLimits, caps: FloatArray, times: Float
             best, least, worse = window, duration, 0
         elif least < np.inf:
             worse += 1
-        window *= _SHORTER
-        if worse == 3 or window < _SHORTEST:
+        window *= _WINDOW_FACTOR
+        if worse == 3 or window < _LEAST_WINDOW:
             break
     return best

@@ -26,11 +26,11 @@ BLEND_TOLERANCE = 0.05  # [rad] of blends
 CELL_LENGTH = 0.02  # [rad] largest cell
 # Share of the time that is left until people come which the length of a cell may cost. Beside a person, cells that may
 # cost the coarse share take a quarter of the time to compute, and motions become 9 to 17 % slower.
-_FINE, _COARSE = 0.02, 0.15
+_FINE_TIME_LOSS, _COARSE_TIME_LOSS = 0.02, 0.15
 # A whole path has at least so many cells.
 CELLS = 400
 # The search for a window needs no more than a rough law: it has about so many cells, in which q′ changes by no more.
-_SEARCHED, _TURN = 100, 0.3
+_WINDOW_SEARCH_CELLS, _WINDOW_SEARCH_TURN = 100, 0.3
 
 
 def time_path(path: ArrayLike, robot: Robot, limits: RateLimits | None = None, **options: Any) -> Trajectory:
@@ -141,10 +141,10 @@ class PathTimer:
         coarse, step = cells < CELLS, motion.length / cells
         grid = motion.cells(step if coarse else min(CELL_LENGTH, step))
         if self.distances is not None:
-            loss = _COARSE if coarse else _FINE
+            loss = _COARSE_TIME_LOSS if coarse else _FINE_TIME_LOSS
             grid, brakes, window, caps = people_caps(motion, grid, self._bodies, limits, self.distances, loss)
         elif limits.jerk is not None:
-            few = motion.cells(motion.length / _SEARCHED, _TURN)
+            few = motion.cells(motion.length / _WINDOW_SEARCH_CELLS, _WINDOW_SEARCH_TURN)
             window = best_window(few, limits, velocity_cap(few, limits))
         caps = [SpeedCap("joint velocity", velocity_cap(grid, limits)), *caps]
         if any(speeds):

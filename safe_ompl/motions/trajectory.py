@@ -29,18 +29,18 @@ from safe_ompl.scene import People
 
 RATE = 100.0  # [Hz]
 # Knots that are no farther apart are one.
-_INSTANT = 1e-9  # [s]
+_EQUAL_TIMES = 1e-9  # [s]
 # A cap counts as reached where the speed comes so near to its bound, relative to that.
-_BINDS = 1e-6
+_CAP_REACHED = 1e-6
 # Points are added where limits are exceeded by more than this share; slower driving takes care of less.
-_SLOWER = 1e-3
-_NEAREST = 1e-4  # [s] of two points
+_REFINED_EXCESS = 1e-3
+_LEAST_POINT_DISTANCE = 1e-4  # [s] of two points
 # The first and the last interval between points are at least so long, as a share of the others.
-_WHOLE = 0.2
+_LEAST_END_INTERVAL = 0.2
 # Messages have whole nanoseconds.
-_TICK = 1e-9  # [s]
+_NANOSECOND = 1e-9  # [s]
 # Driving is slowed at most so often; twice is enough in most cases.
-_ROUNDS = 20
+_MOST_SLOWDOWNS = 20
 
 
 class State(NamedTuple):
@@ -171,7 +171,7 @@ class Trajectory:
         # The jerk jumps between pieces of the curve, too.
         pieces = np.searchsorted((edges[1:] + edges[:-1]) / 2, self.curve.times[:-1])
         knots = np.unique(np.append(knots, self.law.times[pieces]))
-        knots = knots[(np.diff(knots, prepend=0.0) > _INSTANT) & (knots < self.duration - _INSTANT)]
+        knots = knots[(np.diff(knots, prepend=0.0) > _EQUAL_TIMES) & (knots < self.duration - _EQUAL_TIMES)]
         knots = np.concatenate([[0.0], knots, [self.duration]])
         middles = (knots[1:] + knots[:-1]) / 2
         highest = self.jerks_at(middles) if smooth else self.at(middles).qdd
@@ -208,7 +208,7 @@ class Trajectory:
         names: list[str | None] = [None] * len(fastest)
         least = np.min([cap.speeds for cap in self.caps], axis=0, initial=np.inf)
         for cap in self.caps:
-            for k in np.flatnonzero((cap.speeds <= least) & (fastest >= cap.speeds * (1 - _BINDS))):
+            for k in np.flatnonzero((cap.speeds <= least) & (fastest >= cap.speeds * (1 - _CAP_REACHED))):
                 names[int(k)] = cap.name
         return tuple(names)
 
@@ -268,29 +268,29 @@ def points_within(
     nanoseconds.
     """
     fixed = knots[[0, -1]]
-    inside = np.abs(knots - fixed.mean()) < np.ptp(fixed) / 2 - _WHOLE / rate
+    inside = np.abs(knots - fixed.mean()) < np.ptp(fixed) / 2 - _LEAST_END_INTERVAL / rate
     while True:
         parts = np.ceil(np.diff(fixed) * rate * (1 - 1e-9)).astype(np.intp)
         places = divided_edges(fixed, np.maximum(parts, 1))
         times, states = _slower(at, places, 1.0)
         after = np.clip(np.searchsorted(fixed, knots), 1, len(fixed) - 1)
         apart = np.minimum(knots - fixed[after - 1], fixed[after] - knots)
-        worth = np.where((apart > _NEAREST) & inside, jumps, 0.0)
+        worth = np.where((apart > _LEAST_POINT_DISTANCE) & inside, jumps, 0.0)
         new = []
-        for k in np.flatnonzero(_excess(times, states, limits) > 1 + _SLOWER):
+        for k in np.flatnonzero(_excess(times, states, limits) > 1 + _REFINED_EXCESS):
             first, last = np.searchsorted(knots, places[k : k + 2])
             best = first + int(worth[first:last].argmax()) if first < last else first
-            if worth[best] > _SLOWER:
+            if worth[best] > _REFINED_EXCESS:
                 new.append(knots[best])
         if not new:
             break
         fixed = np.union1d(fixed, new)
     factor = 1.0
-    for _ in range(_ROUNDS):
+    for _ in range(_MOST_SLOWDOWNS):
         excess = float(_excess(times, states, limits).max())
         if excess <= 1:
             return times, states
-        factor *= excess + _TICK
+        factor *= excess + _NANOSECOND
         times, states = _slower(at, places, factor)
     raise ArithmeticError(f"limits are kept by no points {places[-1]} s")
 
@@ -299,8 +299,9 @@ def _slower(
     at: Callable[[FloatArray], tuple[FloatArray, ...]], places: FloatArray, factor: float
 ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
     """Return when places (T,) [s] of the motion are passed if that takes longer by a factor, and the states there."""
-    times = np.round(factor * places / _TICK) * _TICK
-    asked = np.append(times[:-1] / factor, places[-1] + 1.0)  # at the end, and at rest
+    times = np.round(factor * places / _NANOSECOND) * _NANOSECOND
+    # The last time is after the end of the motion, where the robot is at rest.
+    asked = np.append(times[:-1] / factor, places[-1] + 1.0)
     return times, tuple(values / factor**order for order, values in enumerate(at(asked)))
 
 

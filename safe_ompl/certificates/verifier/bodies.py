@@ -128,7 +128,7 @@ def farthest(points: FloatArray, place: pin.SE3, origins: FloatArray, axes: Floa
     (a, b, c), (x, y, z) = (axes @ place.rotation).T, ((origins - place.translation) @ place.rotation).T
     nought = np.zeros_like(a)
     across = np.array([[nought, c, -b], [-c, nought, a], [b, -a, nought]]).reshape(3, -1)
-    turned = points @ across  # (V, 3 J), a × p
+    turned = points @ across  # a × p
     turned -= np.concatenate([b * z - c * y, c * x - a * z, a * y - b * x])
     turned *= turned
     squares: FloatArray = turned.reshape(len(points), 3, len(axes)).sum(axis=1).max(axis=0, initial=0.0)
@@ -168,9 +168,9 @@ def corners(shape: coal.CollisionGeometry) -> tuple[FloatArray, float]:
 
 
 # Speeds may be above their limit by so much.
-_ABOVE = 1e-8  # [m/s]
+_SPEED_TOLERANCE = 1e-8  # [m/s]
 # Intervals that are shorter are not divided any more.
-_SMALLEST = 1e-7  # [rad]
+_LEAST_INTERVAL = 1e-7  # [rad]
 
 
 class _Body(NamedTuple):
@@ -215,9 +215,9 @@ class PlainSpeeds:
                 first, last = waiting.pop()
                 middle, half = (first + last) / 2, (last - first) / 2
                 exact, bound = self._bounds(piece, middle, half, bodies)
-                if bound * rate <= limit + _ABOVE:
+                if bound * rate <= limit + _SPEED_TOLERANCE:
                     continue
-                if exact * rate > limit + _ABOVE or half < _SMALLEST:
+                if exact * rate > limit + _SPEED_TOLERANCE or half < _LEAST_INTERVAL:
                     return start + middle
                 waiting += [(first, middle), (middle, last)]
         return None

@@ -26,17 +26,17 @@ from safe_ompl.common import CertificateError, FloatArray, IntArray, within
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-_ROUNDING = 1e-6
+_SUM_ROUNDING = 1e-6
 # Intervals in which no key point moves farther are not divided any more.
-_SMALLEST = 1e-5  # [m]
+_LEAST_POINT_MOTION = 1e-5  # [m]
 # Intervals in which no joint moves more are not divided any more, either.
 _LEAST_STEP = 1e-7  # [rad or m]
-_TINY = 1e-12  # [m]
+_NEGLIGIBLE_LENGTH = 1e-12  # [m]
 # Intervals that are shorter are not divided any more.
 _SHORTEST_INTERVAL = 1e-7  # [rad]
 _PARTS, _MOST_PARTS = 4, 256  # of a link
 # Links that are shorter are as good as a point.
-_SHORT = 1e-6  # [m]
+_POINT_LIKE_LENGTH = 1e-6  # [m]
 
 
 class PlainDanger:
@@ -62,9 +62,9 @@ class PlainDanger:
         while waiting:
             centre, half = waiting.pop()
             value, bound, moved = self._bounded(piece.at(piece.length * centre), half * steps + tube)
-            if bound <= limit * (1 + _ROUNDING):
+            if bound <= limit * (1 + _SUM_ROUNDING):
                 continue
-            if value > limit * (1 + _ROUNDING) or moved < _SMALLEST or half * steps.max() < _LEAST_STEP:
+            if value > limit * (1 + _SUM_ROUNDING) or moved < _LEAST_POINT_MOTION or half * steps.max() < _LEAST_STEP:
                 return centre, value
             waiting += [(centre + half / 2, half / 2), (centre - half / 2, half / 2)]
         return None
@@ -78,11 +78,13 @@ class PlainDanger:
         start, end = (keypoints[robot.segments[:, side], None] for side in (0, 1))  # (L, 1, 3)
         link = end - start
         length = _norm(link)  # (L, 1)
-        along = np.clip(np.einsum("lmi,lni->lm", points - start, link) / np.maximum(length**2, _TINY), 0.0, 1.0)
+        along = np.clip(
+            np.einsum("lmi,lni->lm", points - start, link) / np.maximum(length**2, _NEGLIGIBLE_LENGTH), 0.0, 1.0
+        )
         distance = _norm(points - start - along[..., None] * link)  # (L, M)
-        ends = np.maximum(_norm(points - start) + _norm(points - end), _TINY)
+        ends = np.maximum(_norm(points - start) + _norm(points - end), _NEGLIGIBLE_LENGTH)
         share = np.minimum(length / ends, 1 - 1e-15)
-        field = np.where(length > 1e-6, 2 * np.arctanh(share) / np.maximum(length, _TINY), 2 / ends)
+        field = np.where(length > 1e-6, 2 * np.arctanh(share) / np.maximum(length, _NEGLIGIBLE_LENGTH), 2 / ends)
         room = distance - moved[robot.segments].max(axis=1)[:, None]
         grown = np.where(room > 0, field * distance / np.where(room > 0, room, 1.0), np.inf)
         if self._claim.weighting == "length":
@@ -181,7 +183,7 @@ class PlainMovingDanger:
         """Return those of some danger points whose danger is not proven to keep to the bound; all or none of a sum."""
         claim, still = self._claim, self._still
         levels, pushes = self._bounds(interval, still.points[points], parts)
-        limit = claim.bound * (1 + _ROUNDING)
+        limit = claim.bound * (1 + _SUM_ROUNDING)
         # Where a point may be reached the product is 0·∞.
         with np.errstate(invalid="ignore"):
             fields = [claim.k1 * levels + claim.k2 * rate * pushes for rate in rates]
@@ -198,7 +200,7 @@ class PlainMovingDanger:
         w = b - a
         length = _norm(w)  # (L, 1)
         u, v = points - a, points - b
-        t = np.clip((u * w).sum(axis=2) / np.maximum(length**2, _TINY**2), 0.0, 1.0)
+        t = np.clip((u * w).sum(axis=2) / np.maximum(length**2, _NEGLIGIBLE_LENGTH**2), 0.0, 1.0)
         away = _norm(u - t[..., None] * w)  # (L, M)
         room = away - V * h
         near = np.where(room > 0, room, np.nan)
@@ -225,18 +227,20 @@ class PlainMovingDanger:
         """Return a bound (L, M) of ∫‖x′‖/‖ρ‖² dt, with chords of ‖x′‖ over parts of the links."""
         t = np.linspace(0.0, 1.0, parts + 1)
         va, vb = (interval.velocities[side][:, None] for side in self._ends)
-        speeds = _norm((1 - t)[:, None] * va + t[:, None] * vb)[:, None]  # (L, 1, parts + 1)
-        squared = np.maximum(length**2, _SHORT**2)
+        speeds = _norm((1 - t)[:, None] * va + t[:, None] * vb)[:, None]  # (L, 1, parts+1)
+        squared = np.maximum(length**2, _POINT_LIKE_LENGTH**2)
         # Where the line of the link is nearest to p, and how near that is, in lengths of the link.
         s = ((u * w).sum(axis=2) / squared)[..., None]
-        h = np.maximum(_norm(np.cross(u, w)) / squared, _TINY)[..., None]
+        h = np.maximum(_norm(np.cross(u, w)) / squared, _NEGLIGIBLE_LENGTH)[..., None]
         slope = np.diff(speeds, axis=2) * parts
         at_nearest = speeds[..., :-1] + slope * (s - t[:-1])
         x, y = t[:-1] - s, t[1:] - s
         logs = 0.5 * np.log((y * y + h * h) / (x * x + h * h))
         angles = np.arctan2(h * (y - x), h * h + x * y)
         found: FloatArray = (slope * logs + at_nearest / h * angles).sum(axis=2) / squared
-        return np.where(length > _SHORT, found, speeds.max(axis=2) / np.maximum(away, _TINY) ** 2)
+        return np.where(
+            length > _POINT_LIKE_LENGTH, found, speeds.max(axis=2) / np.maximum(away, _NEGLIGIBLE_LENGTH) ** 2
+        )
 
     def _interval(self, piece: RecordedPiece, middle: float, half: float) -> _MovingInterval:
         robot, model = self._robot, self._model
@@ -263,11 +267,11 @@ def _static(
     u: FloatArray, v: FloatArray, w: FloatArray, length: FloatArray, va: FloatArray, vb: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return φ = 2/ℓ·atanh(ℓ/S) (L, M), and φ′ = ∂φ/∂a·x′_a + ∂φ/∂b·x′_b."""
-    d1, d2 = np.maximum(_norm(u), _TINY), np.maximum(_norm(v), _TINY)
+    d1, d2 = np.maximum(_norm(u), _NEGLIGIBLE_LENGTH), np.maximum(_norm(v), _NEGLIGIBLE_LENGTH)
     along, product, S = (u * v).sum(axis=2), d1 * d2, d1 + d2
-    across = _norm(np.cross(u, v)) ** 2 / np.maximum(product - along, _TINY**2)
-    half = np.maximum(np.where(along >= 0, product + along, across), _TINY**2)  # (S² − ℓ²)/2
-    short = length <= _SHORT
+    across = _norm(np.cross(u, v)) ** 2 / np.maximum(product - along, _NEGLIGIBLE_LENGTH**2)
+    half = np.maximum(np.where(along >= 0, product + along, across), _NEGLIGIBLE_LENGTH**2)  # (S² − ℓ²)/2
+    short = length <= _POINT_LIKE_LENGTH
     safe = np.where(short, 1.0, length)
     phi = np.where(short, 2 / S, np.log1p(safe * (S + safe) / half) / safe)
     kappa = np.where(short, 4 / (3 * S**3), (S / half - phi) / safe**2)

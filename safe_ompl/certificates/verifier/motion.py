@@ -29,17 +29,17 @@ from safe_ompl.robot import Robot
 # continuous may jump so far. Rates are issued with half of that.
 ABOVE = (1e-6, 2e-6, 2e-6, 2e-3)  # [rad or m, s]
 # The curve of a time law begins and ends where the path does, and its pieces where the one before ends, but for this.
-_SAME = 1e-9  # [rad]
+_EQUAL_POSITIONS = 1e-9  # [rad]
 # Jumps of velocities, and of accelerations where the jerk is limited, that are none under a time law.
-_SMOOTH = 1e-6  # [rad/s, rad/s²]
+_EQUAL_RATES = 1e-6  # [rad/s, rad/s²]
 # Jumps of places, velocities and accelerations under a time law, as rates, at most.
-_STEEP = (1e-8, 1e-6, 1e-3)  # [rad, s]
+_MOST_JUMP_RATES = (1e-8, 1e-6, 1e-3)  # [rad, s]
 # What velocities, accelerations and jerks under a time law may be above their limits.
-_RATES_ABOVE = (1e-8, 1e-7, 1e-4)  # [rad, s]
+_TIME_LAW_TOLERANCES = (1e-8, 1e-7, 1e-4)  # [rad, s]
 # Relative, of reach and, for grid points, of the shorter piece beside.
-_ROUNDING = 1e-9
-_LONGEST = 1e4  # [rad]
-_HALVINGS = 60
+_REACH_ROUNDING = 1e-9
+_LONGEST_PATH = 1e4  # [rad]
+_MOST_HALVINGS = 60
 
 
 class RecordedPiece(NamedTuple):
@@ -167,7 +167,7 @@ class RecordedLaw:
         self.pieces: list[RecordedPiece] = curve.pieces
         self.starts: list[float] = claim.times.tolist()
         for k, piece in enumerate(self.pieces):
-            if not piece.length <= _LONGEST:
+            if not piece.length <= _LONGEST_PATH:
                 raise CertificateError(f"trajectory: piece {k} is no curve")
         corners = list(claim.corners)
         if any(not 0 < k < len(self.pieces) for k in corners):
@@ -221,7 +221,7 @@ class RecordedLaw:
             return np.asarray(cells == k)
         away = np.maximum(self.edges[:-1] - self.edges[k + 1], self.edges[k] - self.edges[1:])
         between = (cells >= self._begins[k]) & (cells < self.ends[k])
-        return np.asarray(between & (away <= np.maximum(self.window / 2 * speeds * (1 - _ROUNDING), 0.0)))
+        return np.asarray(between & (away <= np.maximum(self.window / 2 * speeds * (1 - _REACH_ROUNDING), 0.0)))
 
     def fastest_near(self, speeds: FloatArray) -> FloatArray:
         """Return bounds (C,) of ṡ in the cells for a plan whose σ̇ is at most `speeds: (C,)` in them."""
@@ -230,9 +230,9 @@ class RecordedLaw:
     @staticmethod
     def _check_joined(robot: Robot, curve: RecordedMotion, path: RecordedMotion) -> None:
         for name, q, wanted in (("begin", curve.begin[0], path.begin[0]), ("end", curve.end[0], path.end[0])):
-            if np.abs(robot.difference(q, wanted)).max() > _SAME:
+            if np.abs(robot.difference(q, wanted)).max() > _EQUAL_POSITIONS:
                 raise CertificateError(f"trajectory: the curve does not {name} where the path does")
-        for k in np.flatnonzero((curve.jumps(0) > _SAME).any(axis=1)).tolist():
+        for k in np.flatnonzero((curve.jumps(0) > _EQUAL_POSITIONS).any(axis=1)).tolist():
             raise CertificateError(f"trajectory: piece {k} does not begin where the one before ends")
 
     def _check_grid(self) -> list[int]:
@@ -240,11 +240,14 @@ class RecordedLaw:
         edges = self.edges
         if len(edges) < 2 or not (np.diff(edges) > 0).all() or edges[0] != self.starts[0]:
             raise CertificateError("trajectory: its grid points are not in order")
-        if abs(edges[-1] - self.starts[-1]) > 1e3 * _ROUNDING * self.pieces[-1].length or not (self.squares >= 0).all():
+        if (
+            abs(edges[-1] - self.starts[-1]) > 1e3 * _REACH_ROUNDING * self.pieces[-1].length
+            or not (self.squares >= 0).all()
+        ):
             raise CertificateError("trajectory: its grid points do not cover the curve")
         for k, (before, after) in enumerate(pairwise(self.pieces), 1):
             away = abs(edges[self._grid_point(self.starts[k])] - self.starts[k])
-            if away > 1e3 * _ROUNDING * min(before.length, after.length):
+            if away > 1e3 * _REACH_ROUNDING * min(before.length, after.length):
                 raise CertificateError(f"trajectory: piece {k} does not begin at a grid point")
         if (self.squares[1:] + self.squares[:-1] == 0).any():
             raise CertificateError("trajectory: it stands where it should move")
@@ -264,12 +267,12 @@ class RecordedLaw:
         largest = np.array([curve.jumps(order).max(axis=1) * speed**order for order in orders])
         for k in range(1, len(self.pieces)):
             jumps = largest[: 1 if k in corners else None, k]
-            if max(jumps[1:2], default=0.0) > _SMOOTH:
+            if max(jumps[1:2], default=0.0) > _EQUAL_RATES:
                 raise CertificateError(f"trajectory: piece {k} begins in another direction, but is no corner")
-            if max(jumps[2:], default=0.0) > _SMOOTH:
+            if max(jumps[2:], default=0.0) > _EQUAL_RATES:
                 raise CertificateError(f"trajectory: the acceleration jumps where piece {k} begins")
             length = self.pieces[k].length
-            if any(jump * speed > most * length for jump, most in zip(jumps, _STEEP, strict=False)):
+            if any(jump * speed > most * length for jump, most in zip(jumps, _MOST_JUMP_RATES, strict=False)):
                 raise CertificateError(f"trajectory: piece {k} is too short for the jump where it begins")
 
     def exceeded(self, claim: ClaimedTrajectory, squares: FloatArray, pushes: FloatArray) -> str | None:
@@ -295,14 +298,14 @@ class RecordedLaw:
             slope, bend = np.maximum(-slopes[0], slopes[1]), np.abs(bends).max(axis=0)
             felt = np.max([np.abs(p * push + c * x).max(axis=0) for p in slopes for c in bends], axis=0)
             wrong = [
-                ("is faster", slope * fastest > velocity + _RATES_ABOVE[0]),
-                ("accelerates more", felt > acceleration + _RATES_ABOVE[1]),
+                ("is faster", slope * fastest > velocity + _TIME_LAW_TOLERANCES[0]),
+                ("accelerates more", felt > acceleration + _TIME_LAW_TOLERANCES[1]),
             ]
             if jerk is not None:
                 low, high = min(float(push.min()), 0.0), max(float(push.max()), 0.0)
                 jerks = piece.most(3) * fastest**3 + 3 * bend * fastest * max(-low, high)
                 jerks = jerks + slope * (high - low) / self.window
-                wrong.append(("has more jerk", jerks > jerk + _RATES_ABOVE[2]))
+                wrong.append(("has more jerk", jerks > jerk + _TIME_LAW_TOLERANCES[2]))
             for what, joints in wrong:
                 for i in np.flatnonzero(joints):
                     return f"joint {i} {what} than its limit at {self.edges[k]:.6f} rad"
@@ -351,7 +354,7 @@ class PlainAverage:
     def passed(self, cell: int, s: float) -> float:
         """Return when the robot is at an arc length of a cell [rad]; by bisection, for s grows with time."""
         early, late = self._reaches[cell], self._reaches[cell + 1] + self._window
-        for _ in range(_HALVINGS):
+        for _ in range(_MOST_HALVINGS):
             middle = (early + late) / 2
             place = (self._at(middle)[1] - self._at(middle - self._window)[1]) / self._window
             early, late = (middle, late) if place <= s else (early, middle)

@@ -24,14 +24,14 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 # A joint that turns on and on farther than this has no exact angle any more.
-_FARTHEST = 1e4  # [rad]
+_MOST_ANGLE = 1e4  # [rad]
 # By so much a joint may be outside its limits.
-_WITHIN = 2e-9  # [rad or m]
+_LIMIT_TOLERANCE = 2e-9  # [rad or m]
 # Parts in which no joint moves more are not divided any more.
-_SMALLEST = 1e-8  # [rad or m]
-_HALVINGS = 50
+_LEAST_JOINT_MOTION = 1e-8  # [rad or m]
+_MOST_SPLITS = 50
 # Relative, of fifty halvings.
-_ROUNDING = 1e-13
+_SPLIT_ROUNDING = 1e-13
 
 Required: TypeAlias = Callable[[str, int, float, float], float]
 """What must be kept from a body besides what is claimed [m], by the number of a piece and two shares of it."""
@@ -79,7 +79,7 @@ def _check_free(pieces: Sequence[RecordedPiece], separations: Separations, more:
                 wanted = approach + kept + (0.0 if more is None else more(pair[1], k, first, last))
                 if distance - GJK > wanted:
                     continue
-                if half.max() < _SMALLEST:
+                if half.max() < _LEAST_JOINT_MOTION:
                     between = " and ".join(repr(plain_name(name)) for name in pair)
                     raise CertificateError(
                         f"{between} are {1e3 * distance:.3f} mm apart near {first:.6f} of {piece.name}, "
@@ -95,7 +95,7 @@ def _check_free(pieces: Sequence[RecordedPiece], separations: Separations, more:
 
 def _rounded(points: FloatArray) -> FloatArray:
     """Return what halving control points adds to where joints (n,) are."""
-    return np.asarray(_ROUNDING * np.abs(points).max(axis=0))
+    return np.asarray(_SPLIT_ROUNDING * np.abs(points).max(axis=0))
 
 
 def _above(points: FloatArray, limit: FloatArray) -> int | None:
@@ -106,7 +106,7 @@ def _above(points: FloatArray, limit: FloatArray) -> int | None:
         above = ~(part <= limit)
         if not above.any():
             continue
-        if above[[0, -1]].any() or depth == _HALVINGS:
+        if above[[0, -1]].any() or depth == _MOST_SPLITS:
             return int(above.any(axis=0).argmax())
         waiting += [(half, depth + 1) for half in halves(part)]
     return None
@@ -114,8 +114,8 @@ def _above(points: FloatArray, limit: FloatArray) -> int | None:
 
 def _check_limits(robot: Robot, pieces: Iterable[RecordedPiece]) -> None:
     """Raise CertificateError unless joints keep to their limits on all pieces."""
-    low = np.where(robot.continuous, -_FARTHEST, robot.lower - _WITHIN)
-    high = np.where(robot.continuous, _FARTHEST, robot.upper + _WITHIN)
+    low = np.where(robot.continuous, -_MOST_ANGLE, robot.lower - _LIMIT_TOLERANCE)
+    high = np.where(robot.continuous, _MOST_ANGLE, robot.upper + _LIMIT_TOLERANCE)
     for piece in pieces:
         for curve, limit in ((piece.points, high), (-piece.points, -low)):
             joint = _above(curve, limit - piece.width)

@@ -20,9 +20,9 @@ from safe_ompl.robot import Attachment, Robot
 from safe_ompl.scene import CONTACT_DEPTH, Attach, Detach, Gripper, Scene, Step
 
 # Depths whose relative difference is below this are the same: they are written as decimal numbers.
-_DEEPER = 1e-9
+_EQUAL_DEPTHS = 1e-9
 # Joints of a gripper end a step this near to the values that the program says: files hold rounded numbers.
-_GRIPPED = 1e-6  # [rad or m]
+_GRIPPER_TOLERANCE = 1e-6  # [rad or m]
 
 
 class RecordedCell:
@@ -123,7 +123,7 @@ class AllowedChanges:
         grips = [grip for some in self._grips[self._passed : self._passed + len(changes)] for grip in some.items()]
         for name, value in grips:
             here = float(q[self._robot.joint_names.index(name)])
-            if abs(here - value) > _GRIPPED:
+            if abs(here - value) > _GRIPPER_TOLERANCE:
                 words = (
                     f"{name!r} is at {here:g} when {' and '.join(sorted(item for item, _ in changes))} changes hands"
                 )
@@ -135,6 +135,6 @@ class AllowedChanges:
                 deepest = self._contacts[self._passed].get(pair, 0.0)
                 if contact.object in held and link in self._robot.hand_links(held[contact.object].link):
                     deepest = max(deepest, self._depths.get(pair, CONTACT_DEPTH))
-                if contact.depth > deepest * (1 + _DEEPER):
+                if contact.depth > deepest * (1 + _EQUAL_DEPTHS):
                     words = f"{link!r} may touch {contact.object!r} {1e3 * contact.depth:g} mm deep"
                     raise CertificateError(f"{words}: the program of the scenario allows {1e3 * deepest:g} mm there")

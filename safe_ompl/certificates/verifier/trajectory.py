@@ -22,7 +22,7 @@ from safe_ompl.io import schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-_ROUNDING = 1e-9
+_STOP_ROUNDING = 1e-9
 
 
 def check_trajectory(
@@ -36,7 +36,7 @@ def check_trajectory(
     assert isinstance(claim, ClaimedTrajectory)
     law = RecordedLaw(claim, curve, path, robot)
     takes = law.duration
-    if abs(takes - claim.duration) > _ROUNDING * takes:
+    if abs(takes - claim.duration) > _STOP_ROUNDING * takes:
         raise CertificateError(f"trajectory: it takes {takes:.6f} s, {claim.duration} s are claimed")
     sizes, squares = np.diff(law.edges), np.column_stack([law.squares[:-1], law.squares[1:]])
     pushes = np.column_stack([law.pushes] * 2)
@@ -84,7 +84,7 @@ def visits_of_stops(law: RecordedLaw, brakes: FloatArray) -> tuple[FloatArray, F
         # What the stop takes of ṡ² from the start of j on.
         taken = np.append(0.0, np.cumsum(2 * weakest * sizes[j:end]))
         top = max(squares[j], squares[j + 1])
-        spare = _ROUNDING * max(top, 1e-6)
+        spare = _STOP_ROUNDING * max(top, 1e-6)
         if squares[j] > taken[-1] + spare or squares[j + 1] > taken[-1] - taken[1] + spare:
             raise CertificateError(
                 f"trajectory: a stop from {law.edges[j]:.6f} rad goes beyond where the robot must stand"
@@ -140,7 +140,7 @@ class RequiredFromPeople:
         if body not in self._speeds:
             return 0.0
         start, length = self._starts[piece], self._pieces[piece].length
-        places = start + first * length + _ROUNDING, start + last * length - _ROUNDING
+        places = start + first * length + _STOP_ROUNDING, start + last * length - _STOP_ROUNDING
         low, high = (min(max(bisect_left(self._edges, s) - 1, 0), len(self._edges) - 2) for s in places)
         time = float(self._latest[low : high + 1].max())
         if time == -np.inf:

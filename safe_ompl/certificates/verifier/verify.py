@@ -224,7 +224,7 @@ def _check_origin(claims: Certificate, robot: Robot, scene: Scene) -> None:
 
 
 # Numbers that are computed from a robot agree if their relative difference is smaller.
-_SAME = 1e-9
+_EQUAL_LIMITS = 1e-9
 _COMPUTED = ("velocity", "acceleration", "jerk")
 
 
@@ -267,7 +267,9 @@ class AskedTerms:
         if not asked:
             raise CertificateError(f"{what}: it is claimed, but there is nothing in the scenario that it is about")
         for name, value in asked.items():
-            if hasattr(claim, name) and not _agree(getattr(claim, name), value, _SAME if name in _COMPUTED else 0.0):
+            if hasattr(claim, name) and not _agree(
+                getattr(claim, name), value, _EQUAL_LIMITS if name in _COMPUTED else 0.0
+            ):
                 mine, asked_for = (_shown(item) for item in (getattr(claim, name), value))
                 raise CertificateError(f"{what}: {name} is {mine} in its claim, {asked_for} is asked for")
 
