@@ -561,7 +561,10 @@ cdef class Growth:
         return danger
 
     cdef int _price(self, Nodes *tree) except -1 nogil:
-        """Compute the costs of nodes that are not known yet."""
+        """Compute the costs of nodes that are not known yet, and where steps descend gradients, too.
+
+        A gradient costs little more with its danger, and as much as both later.
+        """
         cdef Py_ssize_t node
         if tree.priced == tree.count:
             return 0
@@ -569,7 +572,10 @@ cdef class Growth:
             if tree.costs[node] != tree.costs[node]:
                 if not self.prices:
                     return self._ask_for_costs(tree)
-                tree.costs[node] = self._danger(tree.rows + tree.n * node, NULL)
+                tree.costs[node] = self._danger(
+                    tree.rows + tree.n * node, tree.gradients + tree.n * node if self.share > 0.0 else NULL
+                )
+                tree.sloped[node] = self.share > 0.0
         tree.priced = tree.count
         return 0
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, isfinite, sqrt
+from math import inf, sqrt
 from typing import Any
 
 import numpy as np
 from ompl import base as ob
 
-from safe_ompl.collision import MotionProver, PairSet
+from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, StateCost, bridge_of
 from safe_ompl.planning.planners.growth import danger_share, lowered_margin
@@ -19,7 +19,8 @@ from safe_ompl.robot import Coordinates, JointLimits, Robot, ScratchState
 _SHARE = 0.8  # of what start and goal keep; with all of it no motion could leave them
 _LEAST = 5e-4  # [m]; below this there is none
 _EXAMINED = 5  # starts, and goals
-_HALVINGS = 5  # of the logarithm of what start and goal keep: to within 15 %
+# Of the logarithm of what start and goal keep, where only questions of yes and no tell: to within 15 %.
+_HALVINGS = 5
 # Motions that are refused before the margin falls. Where nothing is dangerous no gradient moves steps away from
 # obstacles, so that more of them are refused in the open, too.
 _REFUSALS, _REFUSALS_WITHOUT_DANGER = 12, 48
@@ -211,9 +212,6 @@ class Margin:
     def __init__(self, problem: PlanningProblem, danger: DangerWeight, least: float = _LEAST) -> None:
         self._problem, self._danger, self.least = problem, danger, least
         self.largest = 0.0
-        # Lower bounds of clearances, with what they are those of: pairs, their revision, and how good they are [m].
-        self._source: tuple[PairSet, int, float] | None = None
-        self._bounds: dict[bytes, float] = {}
         self.reset()
 
     def reset(self) -> None:
@@ -275,10 +273,19 @@ class Margin:
 
     def _allowed_by(self, ends: list[FloatArray]) -> float:
         """Return the largest margin [m] that one of each of the `ends: (R, n)` allows; 0 for none."""
+        motion = self._problem.motion_prover
+        if motion is None or not ends:
+            return 0.0 if ends else self.largest
+        pairs = motion.checker.pairs
+        if pairs.bounds.bounded:
+            # Exact distances of all pairs would cost more than a whole easy problem.
+            chosen, kept = np.flatnonzero(pairs.meets_obstacle), self.largest / _SHARE
+            for Q in ends:
+                kept = min(kept, float(pairs.bounds.of(Q, chosen, kept).min(axis=1, initial=inf).max()))
+            return _SHARE * kept
 
-        # By bisection, as exact distances of all pairs would cost more than a whole easy problem.
         def is_allowed(margin: float) -> bool:
-            return all(any(self._keeps(q, margin / _SHARE) for q in Q) for Q in ends)
+            return all(any(motion.is_free(q, q, margin / _SHARE) for q in Q) for Q in ends)
 
         if is_allowed(self.largest):
             return self.largest
@@ -289,22 +296,3 @@ class Margin:
             middle = sqrt(low * high)
             low, high = (middle, high) if is_allowed(middle) else (low, middle)
         return low
-
-    def _keeps(self, q: FloatArray, margin: float) -> bool:
-        """Return whether the robot is proven to keep a margin [m] from obstacles at `q: (n,)`."""
-        motion = self._problem.motion_prover
-        if motion is None:
-            return False
-        bound = self._clearance(motion.checker.pairs, q, margin)
-        return bound >= margin if isfinite(bound) else motion.is_free(q, q, margin)
-
-    def _clearance(self, pairs: PairSet, q: FloatArray, enough: float) -> float:
-        """Return a lower bound [m] of the clearance from obstacles at `q: (n,)`, computed once if it is good enough."""
-        known = self._source
-        if known is None or known[:2] != (pairs, pairs.revision) or known[2] < enough:
-            self._source, self._bounds = (pairs, pairs.revision, enough), {}
-        key = q.tobytes()
-        if key not in self._bounds:
-            bounds = pairs.bounds.of(q[None], np.flatnonzero(pairs.meets_obstacle), enough)
-            self._bounds[key] = float(bounds.min(initial=inf))
-        return self._bounds[key]
