@@ -329,6 +329,26 @@ cdef class DistanceBounds:
                     bounds[row, p] = _lower_bound(&work.bodies, &work.memory.search, pairs[p, 0], pairs[p, 1], enough)
         self._free.append(work)
 
+    def clearances(self, Q, double enough):
+        """Return lower bounds (B,) [m] of the least distance from obstacles at `Q: (B, n)`, at most `enough` [m].
+
+        Where bodies are apart they are tight to a few percent; −∞ where nothing is known.
+        """
+        found = np.full(len(Q), -np.inf)
+        cdef double[::1] out = found
+        cdef const double[:, ::1] values
+        cdef Workspace work
+        cdef Py_ssize_t row
+        if self.bounded:
+            values, work = self._values(Q), self.workspace()
+            with nogil:
+                for row in range(values.shape[0]):
+                    _place(&self.pairs, work, &values[row, 0] if values.shape[1] else NULL)
+                    out[row] = _clearance(&self.pairs, work, enough)
+            self._free.append(work)
+            self._counts.bound_queries += len(Q)
+        return found
+
     def nearer(self, q, const double[::1] margins, double largest):
         """Return the pairs that may be nearer than their margins (P,) [m] at `q: (n,)`; the last one surely is if True.
 
@@ -684,6 +704,25 @@ cdef Py_ssize_t _near_pairs(
             near[number] = p
             number += 1
     return number
+
+
+cdef double _clearance(const Pairs *pairs, Workspace work, double enough) noexcept nogil:
+    """Return a lower bound [m] of the least distance from obstacles where bodies are placed, at most `enough`."""
+    cdef Bodies *bodies = &work.bodies
+    cdef Search *search = &work.memory.search
+    cdef Py_ssize_t *some = work.memory.listed
+    cdef Py_ssize_t g, k, A, B
+    cdef const Group *group
+    cdef double lower
+    for g in range(pairs.group_count):
+        group, A = &pairs.groups[g], pairs.groups[g].body
+        if group.radius < INFINITY:
+            for k in range(_near_in_group(pairs, group, &bodies.body[A], &bodies.pose[A], enough, some)):
+                B = pairs.bodies[some[k]][1]
+                if outer_bound(bodies, A, B, enough, search.axis) < enough:
+                    lower = distance_bounds(bodies, A, B, search, enough, 0.0, False).lower
+                    enough = min(enough, lower if lower == lower else -INFINITY)
+    return enough
 
 
 cdef bint _nearest_points(

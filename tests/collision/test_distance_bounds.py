@@ -53,11 +53,13 @@ def test_what_stands_still_in_the_middle_is_not_proven_if_it_touches_at_its_ends
 def test_no_pair_is_nearer_than_its_bound(robot_named, clutter, name, enough):
     robot = robot_named(name)
     checker = CollisionChecker(robot, clutter)
-    Q = np.array([q for q, _ in edges(robot, 40) if not checker.touches(q)])
-    bounds = checker.pairs.bounds.of(Q, np.arange(len(checker.pairs.names)), enough)
+    pairs, Q = checker.pairs, np.array([q for q, _ in edges(robot, 40) if not checker.touches(q)])
+    bounds, clearances = pairs.bounds.of(Q, np.arange(len(pairs.names)), enough), pairs.bounds.clearances(Q, enough)
     assert (bounds > 0.0).mean() > 0.9
-    for q, bound in zip(Q, bounds, strict=True):
-        assert not checker.pairs.within_margins(q, np.maximum(bound - ALLOWANCE, 0.0))
+    assert ((clearances > 0.0) & (clearances <= enough)).mean() > 0.9
+    for q, bound, clearance in zip(Q, bounds, clearances, strict=True):
+        assert not pairs.within_margins(q, np.maximum(bound - ALLOWANCE, 0.0))
+        assert not pairs.within_margins(q, pairs.margins(max(0.0, float(clearance) - ALLOWANCE)))
 
 
 def test_what_only_holds_a_body_blocks_nothing(ur5):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, sqrt
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -274,15 +274,12 @@ class Margin:
     def _allowed_by(self, ends: list[FloatArray]) -> float:
         """Return the largest margin [m] that one of each of the `ends: (R, n)` allows; 0 for none."""
         motion = self._problem.motion_prover
-        if motion is None or not ends:
-            return 0.0 if ends else self.largest
-        pairs = motion.checker.pairs
-        if pairs.bounds.bounded:
-            # Exact distances of all pairs would cost more than a whole easy problem.
-            chosen, kept = np.flatnonzero(pairs.meets_obstacle), self.largest / _SHARE
-            for Q in ends:
-                kept = min(kept, float(pairs.bounds.of(Q, chosen, kept).min(axis=1, initial=inf).max()))
-            return _SHARE * kept
+        if motion is None:
+            return 0.0
+        bounds, kept = motion.checker.pairs.bounds, self.largest / _SHARE
+        if bounds.bounded:
+            # Exact distances would cost more than a whole easy problem.
+            return _SHARE * min(float(bounds.clearances(Q, kept).max()) for Q in ends) if ends else self.largest
 
         def is_allowed(margin: float) -> bool:
             return all(any(motion.is_free(q, q, margin / _SHARE) for q in Q) for Q in ends)
