@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:  # pytest loads this file in every run
+# pytest loads this file in every run, so imports are kept out of it.
+if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from safe_ompl.scene import Scenario

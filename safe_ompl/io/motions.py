@@ -189,7 +189,7 @@ class MotionRecord:
             problem,
             Motion.through(configurations, times, problem.robot.joint_names),
             np.array(document.numbers("speeds", document.require(data, "speeds"))),
-            {  # null is +inf in a file
+            {  # null means +inf
                 name: np.array([np.inf if v is None else document.number(f"bounds.{name}", v) for v in values])
                 for name, values in bounds.items()
             },

@@ -157,7 +157,8 @@ def _xml(key: str, value: Any) -> str:
             if depth > _DEEPEST:
                 raise InputError(f"has tags in tags, more than {_DEEPEST} deep", key)
     except (ElementTree.ParseError, UnicodeEncodeError):
-        pass  # building the robot reports what is wrong
+        # Building the robot reports what is wrong.
+        pass
     return content
 
 

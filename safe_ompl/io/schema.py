@@ -169,7 +169,8 @@ def place_meshes(urdf: Path, given: Sequence[Path]) -> None:
     try:
         root = parsed(urdf)
     except ElementTree.ParseError:
-        return  # building the robot reports what is wrong
+        # Building the robot reports what is wrong.
+        return
     meshes = [mesh for mesh in root.iter("mesh") if mesh.get("filename")]
     for mesh in meshes:
         name = mesh.get("filename", "")

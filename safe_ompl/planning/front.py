@@ -15,12 +15,15 @@ from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.planning.simplification import PathCost, timed
 
 _WEIGHTS = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
-_PLANNERS = ("ClassicRRTConnect", "SafeRRTConnect")  # one finds short ways, one ways round what is dangerous
+# The first planner finds short paths, the second one finds detours around what is dangerous.
+_PLANNERS = ("ClassicRRTConnect", "SafeRRTConnect")
 _LARGEST_WEIGHT = 1e6
 _STARTS = 6
-_WORTHWHILE = 1e-3  # share of some weight's J that a round must save to be followed by another
-_REFINEMENTS = 2
-_SAFER = 0.005  # share by which the mean danger must fall from one path of the front to the next
+# Another round follows if a round reduced the cost of some weight by more than this share.
+_LEAST_SAVING = 1e-3
+_FRONT_REFINEMENTS = 2
+# The mean danger must fall by this share from one path of the front to the next.
+_SAFER = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,14 +139,15 @@ class _FrontSearch:
         for start in tuple(self.found):
             for weight in (weights[0], weights[len(weights) // 2], weights[-1]):
                 self._simplify(start, weight, 0)
-        for refinement in range(1 + _REFINEMENTS):
+        for refinement in range(1 + _FRONT_REFINEMENTS):
             gains = self.found
             while gains and not self._over():
                 before = {weight: self._best(weight) for weight in weights}
                 for weight in weights:
                     self._simplify(self._best(weight), weight, refinement)
-                weights.reverse()  # a weight goes on from paths for the smaller and the larger one in turns
-                gains = [p for w, p in before.items() if self._best(w).cost(w) < (1.0 - _WORTHWHILE) * p.cost(w)]
+                # Each weight starts from the paths of its smaller and of its larger neighbour in turns.
+                weights.reverse()
+                gains = [p for w, p in before.items() if self._best(w).cost(w) < (1.0 - _LEAST_SAVING) * p.cost(w)]
 
     def front(self) -> list[tuple[float, _FoundPath]]:
         """Return the paths of the front with their weights.

@@ -16,7 +16,8 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 _TIMES = ("setup_time", "planning_time", "simplification_time", "report_time")
-_TOLD = ("planner", "seed", "status", "solved", *_TIMES)  # as they are, in the JSON of a result
+# These attributes stand in the JSON of a result as they are.
+_TOLD = ("planner", "seed", "status", "solved", *_TIMES)
 
 
 @dataclass(frozen=True)

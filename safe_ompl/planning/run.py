@@ -28,10 +28,14 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-_SHORTEST = 1e-3  # [s] a planner gets at least this
-_STALE_STARTS = 4  # starts in a row that find nothing better before the best path is refined
-_WORTHWHILE = 1e-3  # share of the cost that a better path must save to count as such for that
-_REFINEMENTS = 3  # each with half the spacing of the one before
+# A planner gets at least this time.
+_LEAST_TIME = 1e-3  # [s]
+# The best path is refined after this many starts in a row without a better path.
+_STALE_STARTS = 4
+# A path counts as better if it reduces the cost by more than this share.
+_BETTER_SHARE = 1e-3
+# Each refinement halves the spacing of the one before.
+_SPACING_HALVINGS = 3
 
 Search = Callable[[int, float], FloatArray | None]
 
@@ -120,14 +124,15 @@ def optimise(search: Search, simplifier: Simplifier, seconds: float, stop: Stop 
     def better(path: FloatArray, cost: float) -> None:
         nonlocal best, stale
         if cost < best:
-            stale = 0 if cost < (1.0 - _WORTHWHILE) * best else stale
+            stale = 0 if cost < (1.0 - _BETTER_SHARE) * best else stale
             best = cost
             found.times.append(perf_counter() - begin)
             found.paths.append(path)
 
-    with suppress(KeyboardInterrupt):  # the best path so far stands
+    # After Ctrl-C the best path so far is the result.
+    with suppress(KeyboardInterrupt):
         while not over():
-            if found.paths and stale >= _STALE_STARTS and refinement < _REFINEMENTS:
+            if found.paths and stale >= _STALE_STARTS and refinement < _SPACING_HALVINGS:
                 refinement, stale = refinement + 1, 0
                 simplifier.refined(refinement).begin(found.paths[-1], over, better, proven=True).improve()
                 continue
@@ -179,7 +184,7 @@ class PlanningRun:
                 setup.clear()
                 if isinstance(self._planner, SafePlanner):
                     self._planner.setSeed((self._seed + start) % 2**32)
-            found = setup.solve(max(left, _SHORTEST))
+            found = setup.solve(max(left, _LEAST_TIME))
             nodes += nodes_of(self._planner)
             if not setup.haveExactSolutionPath():
                 status = status if solved else found.asString()

@@ -89,7 +89,8 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         counts = Counts()
         checker = CollisionChecker(robot, scene, counts, movable=movable)
         super().__init__(joint_space(robot))
-        if ou.getLogLevel() == ou.LogLevel.LOG_DEBUG:  # OMPL's default: nobody has asked for its lines
+        # LOG_DEBUG is OMPL's default, so nobody asked for these lines.
+        if ou.getLogLevel() == ou.LogLevel.LOG_DEBUG:
             ou.setLogLevel(ou.LogLevel.LOG_WARN)
         si = self.getSpaceInformation()
         self.robot, self.counts = robot, counts
@@ -105,7 +106,8 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         if self.field is not None:
             self.setOptimizationObjective(DangerObjective(si, self.field))
 
-    def __repr__(self) -> str:  # OMPL's own would ask thousands of queries
+    # OMPL's own `repr` would ask thousands of queries.
+    def __repr__(self) -> str:
         return f"{type(self).__name__}({self.robot!r}, {self.scene!r})"
 
     @property
@@ -152,7 +154,8 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         instance("scene", scene, Scene)
         try:
             self.checker.move(scene)
-        except InputError:  # more than places of movable obstacles differs
+        # More has changed than the poses of movable obstacles.
+        except InputError:
             moved = {o.name for o in self.scene if o.name in scene.names and o != scene[o.name]}
             movable = [name for name in scene.names if name in moved | self.checker.movable]
             checker = CollisionChecker(self.robot, scene, self.counts, movable=movable)
@@ -337,7 +340,8 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
             raise InputError(f"planner must be an ob.Planner, got {planner!r}; `plan` takes names")
         check_planner(planner, self.getSpaceInformation())
         if planner is not self.getPlanner():
-            planner.clear()  # may have been set before, for another scene or problem
+            # The planner may have been used before, for another scene or problem.
+            planner.clear()
         super().setPlanner(planner)
 
     def _choose_planner(self) -> None:
@@ -439,7 +443,8 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         time = number("time limit", time if optimise is None else optimise, above=0.0, kind="number of seconds")
         simplification = simplification_time(simplify)
         starts, seed = whole_number("starts", starts, at_least=1), checked_seed(seed)
-        keeps = starts > 1 or simplification is not None or optimise is not None  # the best path at Ctrl-C
+        # Whether there is a best path to keep at Ctrl-C.
+        keeps = starts > 1 or simplification is not None or optimise is not None
 
         def once(seed: int) -> PlanResult:
             run = PlanningRun(self, *self.prepare(planner, seed, parameters), seed)
@@ -461,7 +466,8 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         """Make planner and problem ready for a run that `seed` decides; return the planner and its name."""
         seed = checked_seed(seed)
         check_planner(planner, self.getSpaceInformation())
-        self.query.check_anew()  # draws random numbers, as the next lines do, so they go before the seed
+        # Checking draws random numbers, as the next lines do, so it happens before the seed is set.
+        self.query.check_anew()
         if not self.getSpaceInformation().isSetup():
             self.getSpaceInformation().setup()
         seed_ompl(seed)
@@ -517,7 +523,8 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         problem = self.getProblemDefinition()
         approximate, difference = problem.hasApproximateSolution(), problem.getSolutionDifference()
         problem.clearSolutionPaths()
-        planner = self.getPlanner()  # none, if a planner solved the problem on its own
+        # There is no planner if the solution was set in another way.
+        planner = self.getPlanner()
         name = "" if planner is None else planner.getName()
         problem.addSolutionPath(solution, approximate, max(0.0, difference), name)
         self.query.begin()

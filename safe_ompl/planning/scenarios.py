@@ -52,7 +52,8 @@ def plan(
 def setup_scenario(scenario: scenes.Scenario, robot: Robot | None = None) -> SafeSetup:
     """Return a SafeSetup with the robot, scene, start and goals of a scenario."""
     robot = robot or scenario.build_robot()
-    start, goal = scenario.start_configuration(robot), scenario.goal  # None: steps of a program say where to go
+    # The goal is None if the steps of a program say where to go.
+    start, goal = scenario.start_configuration(robot), scenario.goal
     goals = scenario.goal_configurations(robot) if goal is not None and goal.configurations else None
     with document.within(str(scenario.file or scenario.name), ": "):
         setup = SafeSetup(robot, scenario.scene, danger=scenario.danger)

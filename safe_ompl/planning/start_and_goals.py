@@ -21,7 +21,8 @@ _log = logging.getLogger(__name__)
 
 _NEVER_NAN = DangerObjective, ob.PathLengthOptimizationObjective
 
-END_TOLERANCE = 1e-6  # [rad or m] in joint space
+# A path begins at the start and ends at a goal within this, in joint space.
+END_TOLERANCE = 1e-6  # [rad or m]
 
 
 class Asked(NamedTuple):
@@ -52,8 +53,10 @@ class StartAndGoals:
         self._start: FloatArray | None = None
         self.goals: Sequence[FloatArray] = ()
         self.place: WorkspaceGoal | None = None
-        self._goal_states: Any = None  # those of the goals that count
-        self._unchecked = False  # whether the scene has changed since start and goals were found free
+        # The states of the goals that are valid.
+        self._goal_states: Any = None
+        # Whether the scene has changed since start and goals were found free.
+        self._unchecked = False
         self._scratch = ScratchState(setup.bridge)
 
     # -------------------------------------------------------------------------------------- what is given
@@ -118,7 +121,8 @@ class StartAndGoals:
         """Note that another scene may allow another start, goals and places; `check_anew` looks."""
         self._unchecked = True
         if self.place is not None:
-            self.place.setSeed(self.place.getSeed())  # forgets the configurations that it has found
+            # Setting the seed forgets the configurations that were found.
+            self.place.setSeed(self.place.getSeed())
 
     def check_anew(self) -> None:
         """Check as `check` if the scene has changed, and take the goals that count now."""
@@ -204,7 +208,8 @@ class StartAndGoals:
         self._asked = None
         definition.clearSolutionPaths()
         planner = self._setup.getPlanner()
-        if planner is None or isinstance(planner, SafePlanner):  # ours notice what still holds of what they have built
+        # Our planners find out for themselves which parts of their trees are still valid.
+        if planner is None or isinstance(planner, SafePlanner):
             return
         if same_space and same_objective:
             planner.clearQuery()
@@ -262,7 +267,8 @@ class StartAndGoals:
     def _now(self) -> Asked:
         definition, si = self._definition, self._setup.getSpaceInformation()
         inputs, starts = ob.PlannerInputStates(), list[Any]()
-        inputs.use(definition)  # whose own states the bindings would free
+        # Without this call the bindings would free the states of the definition.
+        inputs.use(definition)
         while inputs.haveMoreStartStates() and (state := inputs.nextStart()) is not None:
             starts.append(si.getStateSpace().allocState())
             si.copyState(starts[-1], state)

@@ -45,21 +45,27 @@ class PlannerRuns:
     """All runs of one planner, by a name that differs from all others of the experiment."""
 
     name: str
-    runs: list[Mapping[str, Value]] = field(default_factory=list)  # Measurements of each run by their names
-    settings: Mapping[str, Value] = field(default_factory=dict)  # Values of the planner's parameters by their names
+    # The measurements of each run, by name.
+    runs: list[Mapping[str, Value]] = field(default_factory=list)
+    # The values of the planner's parameters, by name.
+    settings: Mapping[str, Value] = field(default_factory=dict)
 
 
 @dataclass
 class Experiment:
     """The content of a benchmark log."""
 
-    name: str  # Name of the experiment; blanks become underscores, since OMPL's reader stops at them
+    # The name of the experiment. Blanks become underscores, because OMPL's reader stops at a blank.
+    name: str
     planners: list[PlannerRuns] = field(default_factory=list)  # What was measured
-    setup: str = ""  # What the problem is, in any number of lines
+    # A description of the problem, in any number of lines.
+    setup: str = ""
     time_limit: float = 0.0  # Of a run [s]
-    run_count: int = 0  # How many runs of each planner were asked for
+    # The number of runs of each planner that were requested.
+    run_count: int = 0
     seed: int = 0  # Of the first run
-    duration: float = 0.0  # Of the whole experiment [s]
+    # The duration of the whole experiment [s].
+    duration: float = 0.0
     begin: datetime = field(default_factory=datetime.now)  # When it began
 
 
@@ -181,7 +187,8 @@ class Benchmark:
     def saveResultsToDatabase(self, log: str | PathLike[str], database: str | PathLike[str]) -> None:
         """Write the log, and add it to a SQLite database for Planner Arena, which is made if there is none."""
         self.saveResultsToFile(log)
-        with redirect_stdout(io.StringIO()):  # OMPL's reader reports every planner
+        # OMPL's reader prints a line for every planner, which is hidden here.
+        with redirect_stdout(io.StringIO()):
             ot.readBenchmarkLog(str(database), [str(log)], False)
 
 

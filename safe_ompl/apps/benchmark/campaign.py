@@ -23,7 +23,8 @@ from safe_ompl.scene import Scenario
 
 _log = logging.getLogger(__name__)
 
-BAND = (15, 85)  # [%]; the percentiles that the paper shows
+# The percentiles that the paper shows.
+BAND = (15, 85)
 PRACTICE = "OMPL RRTConnect + OMPL's simplifier"
 """The name, in a comparison, of how paths are planned today without this package."""
 _PRACTICE_PLANNER = "RRTConnect"
@@ -76,7 +77,8 @@ def run_planner(
         raise
     except Exception as error:
         return lost(run, str(error), setup.robot.joint_names)
-    if result.interrupted:  # Ctrl-C is for all the runs
+    # Ctrl-C ends all runs, not one of them.
+    if result.interrupted:
         raise KeyboardInterrupt
     return result
 
@@ -122,12 +124,17 @@ class Campaign:
     planner, one named twice, or a number of runs below 1.
     """
 
-    scenario: Scenario  # The problem, with the parameters of its planners
-    planners: Sequence[str]  # Names of `planner_names()`, or `PRACTICE`; all different
+    # The problem, with the parameters of its planners.
+    scenario: Scenario
+    # Names of `planner_names()`, or `PRACTICE`. All names differ.
+    planners: Sequence[str]
     runs: int = 50  # Runs of each planner
-    time: float | None = None  # Time limit of a run [s]; the scenario's own by default
-    seed: int = 0  # Seed of the first run; the next ones count up
-    simplify: bool | float = False  # Whether paths are simplified, and for how long [s]; see `SafeSetup.plan`
+    # The time limit of a run [s]. None takes the scenario's.
+    time: float | None = None
+    # The seed of the first run. Later runs take the next seeds.
+    seed: int = 0
+    # Whether paths are simplified, and for how long [s]; see `SafeSetup.plan`.
+    simplify: bool | float = False
 
     def __post_init__(self) -> None:
         rounds(self.planners, self.runs, self.seed)
@@ -175,7 +182,8 @@ def _run(campaign: bytes, run: Run) -> PlanResult:
     return _runner_of(campaign)(run)
 
 
-@lru_cache(maxsize=1)  # a worker builds the setup once
+# A worker builds the setup once and keeps it.
+@lru_cache(maxsize=1)
 def _runner_of(campaign: bytes) -> Callable[[Run], PlanResult]:
     own: Campaign = pickle.loads(campaign)
     return own._runner(setup_scenario(own.scenario))
@@ -243,10 +251,13 @@ class Summary:
     """Statistics over the runs of one planner, of which S are solved."""
 
     planner: str  # Name of the planner
-    runs: int  # Number of runs, and of those that found a path
+    # The number of runs, and the number of runs that found a path.
+    runs: int
     solved: int
-    metrics: Mapping[str, FloatArray]  # Key of `SUMMARISED` → values (S,) [s, rad, m]; NaN where danger is not known
-    profiles: FloatArray  # (S, 101), danger profiles of the solved runs
+    # Values (S,) of the solved runs by the keys of `SUMMARISED` [s, rad, m]. NaN where the danger is not known.
+    metrics: Mapping[str, FloatArray]
+    # Danger profiles of the solved runs (S, 101).
+    profiles: FloatArray
     # The solved run whose mean danger is the median (of an even number the lower one)
     typical: PlanResult | None
 

@@ -18,7 +18,8 @@ from safe_ompl.scene import Scene
 _PLANE, _SPHERE, _CAPSULE, _CYLINDER, _BOX, _MESH = 0, 2, 3, 5, 6, 7  # kinds of geoms
 _FREE, _BALL, _SLIDE, _HINGE = range(4)  # kinds of joints
 _JOINTS_EQUAL = 2  # of equality constraints
-_GROUND = 100.0  # [m] edge of the box whose upper side is a plane
+# A plane becomes a box with edges of this length, whose upper side is the plane.
+_GROUND = 100.0  # [m]
 _STRAIGHT, _X = np.eye(3), np.array([1.0, 0.0, 0.0])
 
 
@@ -153,7 +154,8 @@ class _World:
     def robot(self, geoms: list[int], options: Mapping[str, Any]) -> Robot:
         m, model, bodies = self.m, pin.Model(), pin.GeometryModel()
         model.name = str(m.names.split(b"\0")[0].decode() or "robot")
-        at = {0: (0, pin.SE3.Identity())}  # of each body its joint, and where it is in the joint's frame
+        # For each body, its joint and its pose in the joint's frame.
+        at = {0: (0, pin.SE3.Identity())}
         frames = {0: 0}
         for body in range(1, m.nbody):
             joint, place = at[int(m.body_parentid[body])]

@@ -30,7 +30,8 @@ _SCENE = (
 )
 _POSES = {"primitives": "primitive_poses", "meshes": "mesh_poses"}
 _PLANNING_SCENE = "moveit_msgs/msg/PlanningScene"
-_DEPTH = 16  # levels of OctoMap's trees, from the root down
+# The number of levels of an OctoMap tree below its root.
+_DEPTH = 16
 
 Placed = list[tuple[Shape, pin.SE3]]
 
@@ -280,7 +281,8 @@ def _leaves(data: bytes, resolution: Any, place: pin.SE3) -> list[Obstacle]:
         (bits,) = struct.unpack_from("<H", data, position)
         position += 2
         for child in range(8):
-            state = bits >> 2 * child & 3  # the first bit is the lower one: 2 is occupied, 1 is free
+            # The first of two bits is the lower one. The value 2 means occupied, 1 means free.
+            state = bits >> 2 * child & 3
             low = tuple(corner[axis] + edge * (child >> axis & 1) for axis in range(3))
             if state == 2:
                 boxes.append((*low, *(least + edge for least in low)))

@@ -13,10 +13,13 @@ from safe_ompl.common import FloatArray, InputError, finite_array, number
 from safe_ompl.geometry import Mesh, hull_planes
 
 _CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
-_FINEST = 0.1  # margins: edge of the smallest triangles that are looked at
-_ROUNDING = 1e-9  # [m] that a point must be inside
+# The smallest triangles that are checked have edges of this many margins.
+_LEAST_TRIANGLE = 0.1
+# A point must be inside by this much.
+_INSIDE_MARGIN = 1e-9  # [m]
 _CHUNK = 20_000  # triangles at a time
-_MOST = 2_000_000  # triangles that are left to look at
+# No more triangles than this are kept for checking.
+_MOST_TRIANGLES = 2_000_000
 
 
 def proven_pieces(
@@ -58,10 +61,11 @@ def proven_pieces(
     for k, piece in enumerate(pieces):
         corners = finite_array(piece, (None, 3), f"pieces[{k}]") * factors
         points = (corners[:, None] + grown).reshape(-1, 3).tolist()
-        faces = [(i, i + 1, i + 2) for i in range(len(points) - 2)]  # the hull is taken of all corners
+        # The hull is computed from all corners, so any faces will do.
+        faces = [(i, i + 1, i + 2) for i in range(len(points) - 2)]
         meshes.append(written_mesh(place, f"{source.file.stem}_{k}", points, faces))
     vertices, triangles = source.surface
-    missed = _uncovered(vertices[triangles], meshes, _FINEST * margin)
+    missed = _uncovered(vertices[triangles], meshes, _LEAST_TRIANGLE * margin)
     if missed is not None:
         x, y, z = missed
         words = f"not in the pieces at ({x:.4f}, {y:.4f}, {z:.4f}) m: take a larger margin, finer pieces, or the hull"
@@ -71,16 +75,18 @@ def proven_pieces(
 
 def _uncovered(triangles: FloatArray, meshes: list[Mesh], finest: float) -> FloatArray | None:
     """Return the middle (3,) of a triangle of (T, 3, 3) that is not proven to be in the meshes' hulls [m], if any."""
-    planes = [hull_planes(mesh.parts()[0].geometry) for mesh in meshes]  # what collides, as it was read again
+    # The hulls are those of the files as they are read again, because these hulls will collide.
+    planes = [hull_planes(mesh.parts()[0].geometry) for mesh in meshes]
     while len(triangles):
         left = [_outside(part, planes) for part in np.array_split(triangles, 1 + len(triangles) // _CHUNK)]
         triangles = np.concatenate(left)
         edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
         small = np.flatnonzero(edges < finest)
-        if len(small) or 4 * len(triangles) > _MOST:
+        if len(small) or 4 * len(triangles) > _MOST_TRIANGLES:
             return np.asarray(triangles[small[0] if len(small) else edges.argmin()].mean(axis=0))
-        middles = (triangles + np.roll(triangles, -1, axis=1)) / 2  # of each corner and the next one
-        at_corners = np.stack([triangles, middles, np.roll(middles, 1, axis=1)], axis=2)  # (T, 3, 3 corners, 3)
+        # The middle of each edge, from each corner to the next.
+        middles = (triangles + np.roll(triangles, -1, axis=1)) / 2
+        at_corners = np.stack([triangles, middles, np.roll(middles, 1, axis=1)], axis=2)  # (T, 3, 3, 3)
         triangles = np.concatenate([at_corners.reshape(-1, 3, 3), middles])
     return None
 
@@ -88,6 +94,6 @@ def _uncovered(triangles: FloatArray, meshes: list[Mesh], finest: float) -> Floa
 def _outside(triangles: FloatArray, planes: list[tuple[FloatArray, FloatArray]]) -> FloatArray:
     """Return those of triangles (T, 3, 3) that no convex body of some planes holds."""
     for normals, offsets in planes:
-        inside = (triangles.reshape(-1, 3) @ normals.T <= offsets - _ROUNDING).all(axis=1)
+        inside = (triangles.reshape(-1, 3) @ normals.T <= offsets - _INSIDE_MARGIN).all(axis=1)
         triangles = triangles[~inside.reshape(-1, 3).all(axis=1)]
     return triangles

@@ -25,12 +25,17 @@ from safe_ompl.robot import (
 )
 
 TOLERANCE = 0.01  # [m]
-_PRECISION = 0.01  # of the tolerance: a solution is this near to the place
+# A solution is accurate to this share of the goal's tolerance.
+_PRECISION = 0.01
 
-_FIRST_SEEDS = 16  # seeds of the first search: enough to see several of the arm's postures
-_MORE_SEEDS = 1  # of the later ones, which happen while a planner plans
-_REQUESTS = 16  # after so many requests a planner that has seen all solutions is offered another
-_SAME = 0.05  # [rad] solutions nearer to each other than this are one
+# The first search starts from this many seeds, which finds several postures of most arms.
+_FIRST_SEEDS = 16
+# Later searches happen while a planner plans, and start from this many.
+_MORE_SEEDS = 1
+# After this many requests, a planner that has been offered all solutions is offered one again.
+_REQUESTS = 16
+# Solutions nearer to each other than this count as one.
+_EQUAL_SOLUTIONS = 0.05  # [rad]
 
 
 def states_of(goal: Any, bridge: StateBridge) -> list[FloatArray]:
@@ -100,13 +105,17 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         self._seed = whole_number("seed", seed, at_least=0)
         self._rng = np.random.default_rng(self._seed)
         self._found: list[FloatArray] = []
-        self._offered = 0  # of those found, in order
+        # How many of the configurations found were offered, in order.
+        self._offered = 0
         self._next = 0  # to be handed out
         self._asked = 0
-        self._tries = 0  # seeds that were searched from,
-        self._arrived = 0  # and how many of them led to the place
-        self._nearest = np.inf, np.zeros(0)  # of the others, the least distance and where it was
-        self.refused: FloatArray | None = None  # the last one that led to the place, but is not valid
+        # The number of seeds that were searched from, and of those that led to the goal pose.
+        self._tries = 0
+        self._arrived = 0
+        # Of the other seeds, the least distance to the goal, and the configuration there.
+        self._nearest = np.inf, np.zeros(0)
+        # The last configuration that reached the goal and was not valid.
+        self.refused: FloatArray | None = None
 
     def getSeed(self) -> int:
         """Return the seed."""
@@ -199,7 +208,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
                 continue
             self._arrived += 1
             known = np.array([*self._found, *new]).reshape(-1, robot.n)
-            if (np.linalg.norm(self._bridge.difference(known, q), axis=1) < _SAME).any():
+            if (np.linalg.norm(self._bridge.difference(known, q), axis=1) < _EQUAL_SOLUTIONS).any():
                 continue
             state = self._scratch.set(q)
             if si.satisfiesBounds(state) and si.isValid(state):

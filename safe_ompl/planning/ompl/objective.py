@@ -25,10 +25,11 @@ _OWN_THREAD = (
     "the planner asks its objective in a thread of its own, as OMPL's PRM and PRMstar do, and will wait for it for "
     "ever: end this process, as Ctrl-C does not, and take SafePRM"
 )
-_KEPT = 20_000  # motions, some 5 MB
+_MOST_KEPT_COSTS = 20_000  # motions, some 5 MB
 
 _SLOPE_SAMPLES = 50
-_SLOPE_SEED = 0  # the scale belongs to robot and scene: it must not change with a planner's seed
+# The scale depends on the robot and the scene alone, so it has a seed of its own and not the planner's.
+_SCALE_SEED = 0
 _VALUE_SAMPLES = 100
 
 
@@ -36,7 +37,7 @@ def _kept_integrals(field: DangerField, bridge: StateBridge) -> Callable[[bytes,
     """Return ∫ CDF ds of motions between configurations, given as bytes, to 1 %; the last ones are kept."""
 
     # Nothing of OMPL's may refer to itself, by a bound method for example: it would never be freed.
-    @lru_cache(_KEPT)
+    @lru_cache(_MOST_KEPT_COSTS)
     def integral(first: bytes, second: bytes, revision: int) -> float:
         start = np.frombuffer(first)
         delta = bridge.difference(start, np.frombuffer(second))
@@ -59,7 +60,8 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         self._bridge = bridge_of(si)
         self._integral = _kept_integrals(field, self._bridge)
         self._scales: dict[Any, float] = {}
-        self._revision = field.revision  # that the scales are of
+        # The revision of the field for which the scales were computed.
+        self._revision = field.revision
         self._thread = threading.get_ident()  # that asked last
         self._longest, self._starts = math.inf, set[bytes]()
 
@@ -76,8 +78,6 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
 
         But for those from a start, whose costs the informed forms take for bounds when they prune.
         """
-        q = np.zeros(self.field.robot.n)
-        self.field.mean(q, q)  # compiled here, and not as part of the planner's time
         try:
             if isinstance(planner, og.RRTstar) and planner.getRange() > 0:
                 starts = ob.PlannerInputStates()
@@ -230,7 +230,7 @@ class StateCost:
         return self._scales[key]
 
     def _measured_slope(self, si: Any) -> float:
-        rng = np.random.default_rng(_SLOPE_SEED)
+        rng = np.random.default_rng(_SCALE_SEED)
         candidates = self._bridge.between_bounds(rng.random((8 * _SLOPE_SAMPLES, self._bridge.n)))
         validity = si.getStateValidityChecker()
         if isinstance(validity, CollisionFreeValidity):

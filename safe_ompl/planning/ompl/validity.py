@@ -81,7 +81,8 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
 
     def __init__(self, si: Any, checker: CollisionChecker, constraints: Constraints | None = None) -> None:
         super().__init__(si)
-        self._space = si.getStateSpace()  # keeping `si` itself would be a cycle that is never freed
+        # Keeping `si` itself would be a reference cycle through OMPL, which is never freed.
+        self._space = si.getStateSpace()
         self._bridge = bridge_of(si)
         self.setConstraints(constraints or Constraints(), checker)
 
@@ -106,14 +107,17 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         if not (self._space.satisfiesBounds(start) and self._space.satisfiesBounds(end)):
             return False
         q_start, q_end = self._bridge.read(start), self._bridge.read(end)
-        if not isfinite(q_start.dot(q_end)):  # OMPL's bounds let NaN pass
+        # OMPL's bounds accept NaN, so it is refused here.
+        if not isfinite(q_start.dot(q_end)):
             return False
         return self.motion.is_free(q_start, q_end)
 
 
-RESOLUTION = 0.01  # [rad] between two samples of a motion
-_ROUNDING = 1e-9  # of a step
-_REFUSES = "its own answer"  # what a witness names beside the checker
+# Distance between two samples of a motion.
+RESOLUTION = 0.01  # [rad]
+_STEP_ROUNDING = 1e-9
+# A witness names this beside the user's checker.
+_REFUSES = "its own answer"
 
 
 class SampledValidity(UserCheck):
@@ -141,7 +145,7 @@ class SampledValidity(UserCheck):
     def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
         """Ask at even steps of the straight motion between `start` and `end: (n,)`; says where it is refused."""
         delta = self._bridge.difference(start, end)
-        count = max(1, ceil(float(np.linalg.norm(delta)) / self.resolution - _ROUNDING))
+        count = max(1, ceil(float(np.linalg.norm(delta)) / self.resolution - _STEP_ROUNDING))
         for k in range(count + 1):
             if not self.allows(start + k / count * delta):
                 return MotionVerdict(Verdict.BLOCKED, k / count, (self.name, _REFUSES))
