@@ -20,7 +20,7 @@ from safe_ompl.io import CarriedProblem, MotionRecord, built_robot, built_scene,
 from safe_ompl.motions import Motion, MotionCheck
 from safe_ompl.planning import PlanResult
 from safe_ompl.planning.simplification import Curve
-from safe_ompl.robot import Robot
+from safe_ompl.robot import PackageDir, Robot
 from safe_ompl.scene import CORE, Scene
 from safe_ompl.tasks import ProgramResult, program_robot
 
@@ -70,7 +70,7 @@ class ViewerContent:
 
     @classmethod
     def of_certificate(
-        cls, content: Mapping[str, Any], title: str = "", package_dirs: Sequence[Path] = ()
+        cls, content: Mapping[str, Any], title: str = "", package_dirs: Sequence[PackageDir] = ()
     ) -> ViewerContent:
         """Return what a certificate is about; it is shown, not verified.
 
@@ -329,7 +329,7 @@ Ticks = tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]
 def read_recording(
     file: str | Path,
     robot: Robot | None = None,
-    package_dirs: Sequence[Path] = (),
+    package_dirs: Sequence[PackageDir] = (),
     read: Callable[[str | Path], Ticks] = read_ticks,
 ) -> ViewerContent:
     """Return what a file of ticks shows: robot and people in motion, with the robot's state and its reason.

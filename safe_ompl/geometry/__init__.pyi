@@ -32,5 +32,6 @@ from .shapes import (
     Part as Part,
     Shape as Shape,
     Sphere as Sphere,
+    written_mesh as written_mesh,
 )
 from .surfaces import Triangles as Triangles

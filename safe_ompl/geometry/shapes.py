@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
@@ -18,7 +19,17 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, IntArray, Section, documents as document, key, shown, warn_once
+from safe_ompl.common import (
+    FloatArray,
+    InputError,
+    IntArray,
+    Section,
+    documents as document,
+    files,
+    key,
+    shown,
+    warn_once,
+)
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.cells import Voxels
 from safe_ompl.geometry.hulls import convex_hull, triangle_tree
@@ -299,6 +310,19 @@ class Mesh(Shape):
     def canonical(self) -> dict[str, Any]:
         vertices, faces = self.surface
         return {"convex": self.convex, "surface": array_digest(vertices, faces)}
+
+
+def written_mesh(
+    folder: Path | None, name: str, vertices: Sequence[Sequence[float]], faces: Sequence[Sequence[int]]
+) -> Mesh:
+    """Return a mesh (V, 3), (F, 3) that is written to a folder (.obj), or raise InputError where there is none."""
+    if folder is None:
+        raise InputError("missing, but needed: the folder to which meshes and cones are written", "meshes")
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{name}.obj"
+    lines = ["v {!r} {!r} {!r}".format(*map(float, point)) for point in vertices]
+    files.write(file, "\n".join([*lines, *("f {} {} {}".format(*(k + 1 for k in face)) for face in faces), ""]))
+    return Mesh(file)
 
 
 def array_digest(*arrays: FloatArray | IntArray) -> str:

@@ -4,6 +4,7 @@ from .motion_files import (
     WRITABLE as WRITABLE,
     motion_content as motion_content,
     motion_of_document as motion_of_document,
+    plain_message as plain_message,
     read_log as read_log,
     read_motion as read_motion,
 )

@@ -16,7 +16,7 @@ from safe_ompl.io.schema import kind_of, marked, strict_json
 from safe_ompl.motions import Motion, Trajectory
 from safe_ompl.planning import Improvement, PlanResult
 from safe_ompl.planning.simplification import ClearanceReport, DangerReport, PathReport
-from safe_ompl.robot import Robot
+from safe_ompl.robot import PackageDir, Robot, read_package_dir
 from safe_ompl.scene import Scene
 from safe_ompl.tasks import ProgramResult
 
@@ -30,7 +30,7 @@ def result_to_mapping(result: PlanResult, meshes: bool | None = None) -> dict[st
 
 
 def result_from_mapping(
-    data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[Path] = ()
+    data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[PackageDir] = ()
 ) -> PlanResult:
     """Return the result that `result_to_mapping` wrote; parameters and errors as of `load`."""
     names = tuple(document.sequence("joint_names", document.require(data, "joint_names")))
@@ -123,7 +123,7 @@ def _saved(thing: Saveable, meshes: bool | None) -> dict[str, Any]:
     return marked("trajectory", thing.as_dict())
 
 
-def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence[str | Path] = ()) -> Loaded:
+def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence[str | PackageDir] = ()) -> Loaded:
     """Read what `save` wrote, or `safe-ompl plan --json` or `--trajectory`, or `Trajectory.to_json`.
 
     Files of other forms than JSON, and trajectories without their scene, are motions: see `read_motion`.
@@ -134,8 +134,9 @@ def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence
         The file.
     robot : Robot, optional
         The robot of a result or trajectory, where it does not travel in it.
-    package_dirs : sequence of path-like
-        Folders that hold the packages, or the meshes, that the URDF of the robot names, where these do not travel.
+    package_dirs : sequence of path-like or NamedPackage
+        Folders that hold the packages, or the meshes, that the URDF of the robot names, where these do not travel; or
+        packages by their names.
 
     Raises
     ------
@@ -144,7 +145,7 @@ def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence
     """
     if Path(file).suffix.lower() != ".json":
         return read_motion(file)
-    folders = [Path(folder) for folder in package_dirs]
+    folders = [read_package_dir("package_dirs", entry) for entry in package_dirs]
     with files.reading_json(file) as content:
         if isinstance(content, Mapping) and "format" not in content:
             return motion_of_document(content)

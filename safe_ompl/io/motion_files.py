@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import io
+import logging
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from functools import partial
+from math import pi, remainder
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, documents as document, files, listed
+from safe_ompl.common import FloatArray, InputError, documents as document, files, listed, warn_once
 from safe_ompl.io.motions import kept_columns, read_table
 from safe_ompl.io.schema import kind_of, marked, strict_json
 from safe_ompl.motions import Motion
 from safe_ompl.robot import Robot
+
+_log = logging.getLogger(__name__)
 
 _RATES = ("velocities", "accelerations")
 _POINT = ("positions", *_RATES, "effort", "time_from_start")
@@ -25,9 +29,11 @@ _LOGGED = re.compile(r"(.+)_(commanded|measured)")
 # What is read from a file may differ from what was written by so much.
 _SAME = 1e-6  # [rad or m]
 _POINTS = ("joint_names", "times", "positions", *_RATES)
+# A trajectory may begin so far from the start state that is sent with it: MoveIt's default for executing it.
+_START = 0.01  # [rad or m]
 _EXPECTED = (
     "must hold joint_names and points (trajectory_msgs/JointTrajectory), a joint_trajectory with them "
-    "(moveit_msgs/RobotTrajectory), or what safe_ompl.save writes"
+    "(moveit_msgs/RobotTrajectory), a list of these (moveit_msgs/DisplayTrajectory), or what safe_ompl.save writes"
 )
 
 
@@ -64,7 +70,8 @@ def read_motion(
         .npy
             One array: the numbers of a table.
         .json, .yaml, .yml
-            A message `trajectory_msgs/JointTrajectory` or `moveit_msgs/RobotTrajectory`; or JSON of `safe_ompl.save`
+            A message `trajectory_msgs/JointTrajectory`, `moveit_msgs/RobotTrajectory` or
+            `moveit_msgs/DisplayTrajectory`, as `ros2 topic echo --full-length` prints it; or JSON of `safe_ompl.save`
             and `safe-ompl plan --json` or `--trajectory`.
     robot : Robot, optional
         Put the columns in the order of its joints, as `Motion.for_robot`.
@@ -292,23 +299,77 @@ def _from_document(
         return _without(motion_of_document(content), ignored)
 
 
+def plain_message(value: Any) -> Any:
+    """Return a message of ROS, as rclpy or rosbags make it, as mappings, lists and numbers."""
+    if is_dataclass(value):
+        names = [item.name for item in fields(value) if item.name[0] != "_"]
+    elif hasattr(value, "get_fields_and_field_types"):
+        names = list(value.get_fields_and_field_types())
+    elif hasattr(value, "tolist"):
+        return value.tolist()
+    else:
+        return [plain_message(item) for item in value] if isinstance(value, (list, tuple)) else value
+    return {name: plain_message(getattr(value, name)) for name in names}
+
+
 def motion_of_document(content: Any) -> Motion:
-    """Return the motion that JSON or YAML holds, or raise InputError; see `read_motion`."""
+    """Return the motion that JSON, YAML or a message of ROS holds, or raise InputError; see `read_motion`."""
+    content = content if isinstance(content, Mapping) else plain_message(content)
     if not isinstance(content, Mapping):
         raise InputError(f"{_EXPECTED}, got {document.described(content)}")
     if "format" in content:
         return _from_own(content, kind_of(content))
+    if isinstance(content.get("trajectory"), (list, tuple)):
+        return _from_display(content)
     for key in ("trajectory", "joint_trajectory"):
         inner = content.get(key)
         if isinstance(inner, Mapping):
             others = content.get("multi_dof_joint_trajectory")
             if isinstance(others, Mapping) and others.get("points"):
                 raise InputError("must be empty: joints of several axes are not known", "multi_dof_joint_trajectory")
-            with document.within(key):
+            with document.within(key, ": "):
                 return motion_of_document(inner)
     if not {"joint_names", "points"} <= set(content):
         raise InputError(f"{_EXPECTED}, got the keys {listed(content) or '(none)'}")
     return _from_message(content)
+
+
+def _from_display(content: Mapping[str, Any]) -> Motion:
+    """Return what a moveit_msgs/DisplayTrajectory shows: its trajectories, one after another."""
+    motion: Motion | None = None
+    for k, part in enumerate(content["trajectory"]):
+        with document.within(f"trajectory[{k}]", ": "):
+            given = document.mapping("trajectory", part)
+            parts = [given.get("joint_trajectory", {}), given.get("multi_dof_joint_trajectory", {})]
+            # MoveIt sends an empty trajectory where a step of a plan moves nothing.
+            if all(isinstance(one, Mapping) and not one.get("points") for one in parts):
+                continue
+            found = motion_of_document(given)
+            motion = found if motion is None else motion.then(found)
+    if motion is None:
+        raise InputError("must hold points, got none", "trajectory")
+    with document.within("trajectory_start"):
+        state = document.mapping("state", content.get("trajectory_start") or {})
+        if held := state.get("attached_collision_objects"):
+            names = listed(item.get("object", {}).get("id") if isinstance(item, Mapping) else item for item in held)
+            warn_once(_log, f"the trajectory begins with objects in the gripper ({names}): give them to the robot")
+        _check_start(motion, document.mapping("joint_state", state.get("joint_state") or {}))
+    return motion
+
+
+def _check_start(motion: Motion, state: Mapping[str, Any]) -> None:
+    """Raise InputError if a motion does not begin at the joint values of a sensor_msgs/JointState."""
+    names = document.sequence("joint_state.name", state.get("name") or ())
+    values = document.numbers("joint_state.position", state.get("position") or (), len(names))
+    there = dict(zip(map(str, names), values, strict=True))
+    for name, begin in zip(motion.joint_names or (), motion.knots[0].tolist(), strict=True):
+        # Joints that turn without end may be given a turn apart.
+        if name in there and abs(remainder(begin - there[name], 2 * pi)) > _START:
+            raise InputError(
+                f"must be within {_START:g} of where the trajectory begins, got {there[name]:g} of joint {name!r}, "
+                f"which begins at {begin:g}",
+                "joint_state.position",
+            )
 
 
 def _from_own(content: Mapping[str, Any], kind: str) -> Motion:

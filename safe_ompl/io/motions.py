@@ -14,7 +14,7 @@ import numpy as np
 from safe_ompl.common import FloatArray, InputError, documents as document, finite_array, float_array, listed, shown
 from safe_ompl.io.problems import CarriedProblem
 from safe_ompl.motions import RATE, Motion, Trajectory
-from safe_ompl.robot import Robot
+from safe_ompl.robot import PackageDir, Robot
 
 _OF_JOINT = re.compile("_(position|velocity|acceleration)$")
 
@@ -178,7 +178,7 @@ class MotionRecord:
 
     @classmethod
     def from_mapping(
-        cls, data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[Path] = ()
+        cls, data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[PackageDir] = ()
     ) -> MotionRecord:
         """Read the file of a trajectory, as `safe-ompl plan --trajectory` writes it; see `load`."""
         problem = CarriedProblem.from_mapping(document.require(data, "problem"), robot, package_dirs)

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 from safe_ompl.common import CertificateError, InputError, Section, documents as document, files, key
 from safe_ompl.io import schema
-from safe_ompl.robot import Robot, RobotSpec, UrdfFile, robot_hash, robots_folder
+from safe_ompl.robot import PackageDir, Robot, RobotSpec, UrdfFile, read_package_dir, robot_hash, robots_folder
 from safe_ompl.scene import Scene
 
 _log = logging.getLogger(__name__)
@@ -33,7 +33,7 @@ SMALL = 8_000_000
 _PACKAGE = "carried"
 _FILES = ("urdf", "srdf")
 # Without accelerations: certificates of timed motions claim limits themselves
-_OPTIONS = ("tip", "locked", "free", "name", "limits", "collision", "group", "base", "mobile_base")
+_OPTIONS = ("tip", "locked", "free", "name", "limits", "joint_limits", "collision", "group", "base", "mobile_base")
 # A URDF or an SRDF has no more characters.
 _MOST_CHARACTERS = 20_000_000
 _DEEPEST = 100  # tags in tags
@@ -66,6 +66,8 @@ def recipe(spec: RobotSpec) -> dict[str, Any]:
     if spec.models is not None:
         raise schema.NotPlainError("models of Pinocchio's are not plain data")
     said = spec.to_mapping()
+    if spec.joint_limits is not None:
+        said["joint_limits"] = spec.joint_limits.content
     found: dict[str, Any] = schema.as_plain({name: said[name] for name in _OPTIONS if name in said})
     if spec.robots:
         found["robots"] = {prefix: recipe(robot) for prefix, robot in spec.robots.items()}
@@ -186,7 +188,7 @@ class RobotDocument(Section):
     meshes: Mapping[str, str] = key(schema.carried_files, factory=dict)
 
 
-def built_robot(carried: Any, *, package_dirs: Sequence[Path] = ()) -> Robot:
+def built_robot(carried: Any, *, package_dirs: Sequence[PackageDir] = ()) -> Robot:
     """Return the robot that a document carries the recipe of; whether it is that of the hash the verification says.
 
     Meshes are looked for in `package_dirs`, among those that travel, and in example-robot-data, nowhere else. An
@@ -199,7 +201,7 @@ def built_robot(carried: Any, *, package_dirs: Sequence[Path] = ()) -> Robot:
         )
     with TemporaryDirectory(prefix="safe-ompl-") as folder:
         try:
-            folders = [Path(path) for path in package_dirs]
+            folders = [read_package_dir("package_dirs", entry) for entry in package_dirs]
             if carried.meshes:
                 place = Path(folder) / _PACKAGE
                 place.mkdir()
@@ -234,7 +236,7 @@ def _built(spec: RobotSpec, name: str, folder: str, *, given: bool) -> Robot:
         ) from None
 
 
-def _spec(key: str, recipe: Any, folders: Iterator[Path], package_dirs: Sequence[Path]) -> RobotSpec:
+def _spec(key: str, recipe: Any, folders: Iterator[Path], package_dirs: Sequence[PackageDir]) -> RobotSpec:
     """Return what a recipe says of a robot; the files that it carries go to new folders."""
     given = document.mapping(key, recipe, (*_OPTIONS, *_FILES, "attached", "files", "robots"))
     folder = next(folders)
@@ -332,7 +334,7 @@ class CarriedProblem(NamedTuple):
 
     @classmethod
     def from_mapping(
-        cls, data: object, robot: Robot | None = None, package_dirs: Sequence[Path] = ()
+        cls, data: object, robot: Robot | None = None, package_dirs: Sequence[PackageDir] = ()
     ) -> CarriedProblem:
         """Read it from a document; `robot` is used where it is given, and else built. Errors as of `load`."""
         with document.within("problem"):

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.common import InputError, UnknownNameError, documents as document, shown
-from safe_ompl.robot import PackageFolders, parsed, robots_folder
+from safe_ompl.robot import PackageDir, PackageFolders, parsed, robots_folder
 
 FORMAT, VERSION = "safe-ompl certificate", 5
 _OLD_FORMAT = "safe-ompl program certificate"
@@ -164,7 +164,7 @@ def unpack(files: Mapping[str, str], folder: Path) -> None:
 # ------------------------------------------------------------------------------------------------ meshes of URDFs
 
 
-def place_meshes(urdf: Path, given: Sequence[Path]) -> None:
+def place_meshes(urdf: Path, given: Sequence[PackageDir]) -> None:
     """Let a carried URDF name its meshes where they are: in folders that are given, or in example-robot-data."""
     try:
         root = parsed(urdf)
@@ -182,13 +182,13 @@ def place_meshes(urdf: Path, given: Sequence[Path]) -> None:
         urdf.write_bytes(ElementTree.tostring(root, encoding="utf-8"))
 
 
-def _mesh_places(name: str, given: Sequence[Path]) -> Iterator[Path]:
+def _mesh_places(name: str, given: Sequence[PackageDir]) -> Iterator[Path]:
     """Yield where a mesh may be, all of it in folders that are given, or in example-robot-data."""
     steps, examples = _steps(name), examples_folder()
     if steps is None:
         return
     plain_name = name.removeprefix("file://")
-    for folder in given:
+    for folder in (entry for entry in given if isinstance(entry, Path)):
         if Path(plain_name).is_absolute() and Path(plain_name).is_relative_to(folder.resolve()):
             yield Path(plain_name)
         yield folder.joinpath(*steps)

@@ -83,7 +83,8 @@ class RateLimits:
         velocity, acceleration, jerk : float, mapping of str to float, or array_like of shape (n,), optional
             Default: the URDF's velocities; the robot's own accelerations (`Robot.with_accelerations`, or its entry in a
             scenario), and where it has none what reaches the velocity limit in 0.25 s, with a warning: URDFs have no
-            such limits; no limit of the jerk, which otherwise is one of all joints.
+            such limits; the jerks of the robot's `joint_limits`, and where it has none no limit of the jerk, which
+            otherwise is one of all joints.
 
         An InputError if the URDF has no velocity for a joint and none is given, or as the class; an UnknownNameError if
         there is no such joint.
@@ -112,6 +113,9 @@ class RateLimits:
                 f"{robot.name}: nobody says how fast {joints} may accelerate: taken is what reaches the velocity limit "
                 f"in {_DEFAULT_RISE_TIME:g} s, {span}; give accelerations",
             )
+        if jerk is None and robot.jerks:
+            # A time law limits the jerk of all joints or of none: of the others it may be as high as any.
+            jerk = {name: robot.jerks.get(name, RATE_BOUNDS["jerk"]["at_most"]) for name in names}
         if isinstance(jerk, Mapping) and (missing := [name for name in names if name not in jerk]):
             raise InputError(f"joint {missing[0]!r} has no jerk limit; give those of all joints, or none")
         jerks = None if jerk is None else _chosen(names, jerk, np.ones(robot.n), "jerk")

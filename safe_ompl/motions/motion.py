@@ -250,12 +250,36 @@ class Motion:
         return replace(self, times=times, coefficients=coefficients, slack=slack, rounding=rounding, corners=corners)
 
     def then(self, other: Motion) -> Motion:
-        """Return this path and, after a stop at its end, another one that begins there."""
+        """Return this motion and, after it, another one of the same joints that begins where it ends.
+
+        Of two paths the knot between is a corner, where the robot stops. Raises InputError if one is timed and the
+        other is not, or the second one begins elsewhere.
+        """
+        if self.timed != other.timed:
+            raise InputError("must have times in all parts, or in none", "times")
+        if self.joint_names and other.joint_names and self.joint_names != other.joint_names:
+            if {*self.joint_names} != {*other.joint_names}:
+                moved = ", ".join(other.joint_names)
+                raise InputError(
+                    f"must be those of the motion before, which this one follows, got {moved}", "joint_names"
+                )
+            order = [other.joint_names.index(name) for name in self.joint_names]
+            other = replace(
+                other,
+                coefficients=other.coefficients[:, :, order],
+                joint_names=self.joint_names,
+                rounding=None if other.rounding is None else other.rounding[:, order],
+            )
         count, size = self.pieces, max(self.degree, other.degree) + 1
         coefficients = np.zeros((count + other.pieces, size, self.n))
         coefficients[:count, : self.degree + 1] = self.coefficients
         coefficients[count:, : other.degree + 1] = other.coefficients
         times = np.concatenate([self.times - self.times[0], self.length + other.times[1:] - other.times[0]])
+        if self.timed:
+            rounding = np.concatenate(
+                [np.zeros((part.pieces, part.n)) if part.rounding is None else part.rounding for part in (self, other)]
+            )
+            return Motion(times, coefficients, self.joint_names, rounding=rounding)
         corners = (*self.corners, count, *(count + k for k in other.corners))
         return Motion(times, coefficients, self.joint_names, timed=False, corners=corners)
 

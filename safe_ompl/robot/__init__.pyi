@@ -39,4 +39,11 @@ from .spec import (
 )
 from .srdf import SrdfFile as SrdfFile, disabled_links as disabled_links, srdf_text as srdf_text
 from .states import ScratchState as ScratchState, StateBridge as StateBridge, joint_space as joint_space
-from .urdf import PackageFolders as PackageFolders, UrdfFile as UrdfFile, parsed as parsed
+from .urdf import (
+    NamedPackage as NamedPackage,
+    PackageDir as PackageDir,
+    PackageFolders as PackageFolders,
+    UrdfFile as UrdfFile,
+    parsed as parsed,
+    read_package_dir as read_package_dir,
+)

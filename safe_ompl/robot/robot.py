@@ -15,13 +15,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import InputError, UnknownNameError
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, within
 from safe_ompl.geometry import Pose, PoseLike, Shape
 from safe_ompl.robot.displacement_bounds import DisplacementBounds
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
 from safe_ompl.robot.joints import Mimic, frame_index
 from safe_ompl.robot.parts import SIZES, Attachment, Models, RobotParts, independent
 from safe_ompl.robot.spec import RobotSpec
+from safe_ompl.robot.urdf import PackageDir
 
 
 class Robot(ForwardKinematics):
@@ -57,6 +58,8 @@ class Robot(ForwardKinematics):
         The objects that it holds.
     accelerations : dict of str to float
         Acceleration limits that are known, by joint [rad/s² or m/s²]; see `with_accelerations`.
+    jerks : dict of str to float
+        Jerk limits of `joint_limits`, by joint [rad/s³ or m/s³].
     """
 
     def __init__(self, spec: RobotSpec, parts: RobotParts | None = None) -> None:
@@ -65,11 +68,13 @@ class Robot(ForwardKinematics):
         self.name: str = self.shared.name
         self.held_joints = dict(self.shared.held)
         self.attached = self.shared.attached
-        rates = spec.known_accelerations()
-        for joint in rates:
+        given = spec.by_joint(lambda robot: robot.accelerations)
+        for joint in given:
             if joint not in self.joint_names and joint not in self.held_joints:
                 raise UnknownNameError("joint", joint, self.joint_names, "accelerations")
-        self.accelerations = {joint: rate for joint, rate in rates.items() if joint in self.joint_names}
+        in_file = spec.by_joint(lambda robot: robot.rates_of_file("acceleration"))
+        self.accelerations = self._planned(in_file | given)
+        self.jerks = self._planned(spec.by_joint(lambda robot: robot.rates_of_file("jerk")))
         self.links_without_collision = self.shared.links_without_collision
 
     @classmethod
@@ -77,7 +82,7 @@ class Robot(ForwardKinematics):
         cls,
         urdf: str | Path,
         srdf: str | Path | None = None,
-        package_dirs: Sequence[str | Path] = (),
+        package_dirs: Sequence[str | PackageDir | Mapping[str, str | Path]] = (),
         tip: str | None = None,
         locked: Mapping[str, float] | None = None,
         **options: Any,
@@ -87,7 +92,7 @@ class Robot(ForwardKinematics):
         Raises InputError for a missing or malformed file, a missing mesh, an unknown joint or frame, and joints of a
         kind that is not supported.
         """
-        files = Path(urdf), None if srdf is None else Path(srdf), tuple(map(Path, package_dirs))
+        files: Any = Path(urdf), None if srdf is None else Path(srdf), tuple(package_dirs)
         return cls(RobotSpec(None, *files, tip, locked, **options))
 
     @classmethod
@@ -149,6 +154,21 @@ class Robot(ForwardKinematics):
             raise InputError(f"give two robots or more, not {len(specs)}")
         spec = RobotSpec(robots=specs, name=name, tip=tip)
         return cls(spec, spec.joined({prefix: robot.shared for prefix, robot in robots.items()}))
+
+    def _planned(self, values: Mapping[str, float]) -> dict[str, float]:
+        return {joint: value for joint, value in values.items() if joint in self.joint_names}
+
+    def configuration(self, value: ArrayLike | Mapping[str, float] | str, name: str = "configuration") -> FloatArray:
+        """Return `value` as a configuration (n,), which may also be the name of a state in the SRDF.
+
+        Values that such a state has for joints that are held are not used. Errors as of `ForwardKinematics` and
+        `RobotSpec.group_state`.
+        """
+        if isinstance(value, str):
+            with within(name, ": "):
+                state = self.spec.group_state(value)
+            value = {joint: state[joint] for joint in self.joint_names if joint in state}
+        return super().configuration(value, name)
 
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> Robot:
         """Return the same robot with other limits [rad or m] for the joints named."""

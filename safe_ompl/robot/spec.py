@@ -24,6 +24,7 @@ from safe_ompl.robot.collision import (
     sample_configurations,
     select_self_pairs,
 )
+from safe_ompl.robot.joint_limits import JointLimitsFile
 from safe_ompl.robot.joints import (
     Mimic,
     apply_mimic_limits,
@@ -41,7 +42,7 @@ from safe_ompl.robot.joints import (
 )
 from safe_ompl.robot.parts import BASE_JOINTS, Attachment, Models, RobotParts, combined, independent, read_pose
 from safe_ompl.robot.srdf import SrdfFile
-from safe_ompl.robot.urdf import UrdfFile
+from safe_ompl.robot.urdf import PackageDir, UrdfFile, read_package_dir, read_path
 
 _log = logging.getLogger(__name__)
 
@@ -49,7 +50,7 @@ Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
 
 _ENDINGS = {"urdf": (".urdf", ".xml", ".xacro"), "srdf": (".srdf", ".xml", ".xacro")}
 _OF_FILES = ("srdf", "package_dirs", "xacro_args")
-_OF_ONE_ROBOT = (*_OF_FILES, "locked", "limits", "group", "free")
+_OF_ONE_ROBOT = (*_OF_FILES, "locked", "limits", "joint_limits", "group", "free")
 _GRIPPER_OPEN = 0.04  # [m] per finger of the Panda's hand
 
 
@@ -109,12 +110,6 @@ def find_example(name: str) -> ExampleRobot:
         raise UnknownNameError("example robot", name, sorted(EXAMPLES)) from None
 
 
-def _path(name: str, value: Any) -> Path:
-    if not isinstance(value, (str, Path)):
-        raise InputError(f"must be a file name, got {document.described(value)}", name)
-    return (document.folder_of_document() / value).resolve()
-
-
 def _ranges(name: str, value: Any) -> Ranges:
     """Return the limits of a mobile base in x and y [m], or raise InputError if they are not two intervals."""
     intervals = document.sequence(name, value)
@@ -155,8 +150,9 @@ class RobotSpec(Section):
     srdf : path-like, optional
         SRDF whose disabled collision pairs are not checked. Without one, or with one that disables nothing,
         pairs of adjacent links and pairs that are always in contact are dropped, and the log says which.
-    package_dirs : sequence of path-like
-        Folders that hold the packages of `package://` names; those above the URDF are searched as well.
+    package_dirs : sequence of path-like, NamedPackage or mapping
+        Folders that hold the packages of `package://` names; those above the URDF are searched as well. A mapping
+        {name: folder} is the package of that name.
     tip : str, optional
         Frame at the end of the arm. Joints that do not move it are held; a warning says at which posture.
         Default: that of the example, or the body farthest from the base; where that is a finger, the hand.
@@ -187,7 +183,10 @@ class RobotSpec(Section):
     xacro_args : mapping of str to str, optional
         Values of xacro's arguments. None refuses xacro, which evaluates expressions of Python.
     limits : mapping of str to (float, float), optional
-        Joint limits that replace the URDF's [rad or m].
+        Joint limits that replace those of the URDF and of `joint_limits` [rad or m].
+    joint_limits : path-like, optional
+        MoveIt's `joint_limits.yaml`, which narrows positions and velocities of the URDF, and gives accelerations and
+        jerks. Where it is wider the URDF applies, with a warning: in MoveIt the file would.
     models : optional
         Pinocchio's models instead of files; see `Robot.from_models`.
 
@@ -198,9 +197,9 @@ class RobotSpec(Section):
     """
 
     example: str | None = key(document.text, default=None)
-    urdf: Path | None = key(_path, default=None)
-    srdf: Path | None = key(_path, default=None)
-    package_dirs: tuple[Path, ...] = key(document.each, read=_path, default=())
+    urdf: Path | None = key(read_path, default=None)
+    srdf: Path | None = key(read_path, default=None)
+    package_dirs: tuple[PackageDir, ...] = key(document.each, read=read_package_dir, default=())
     tip: str | None = key(document.line, default=None)
     locked: Mapping[str, float] | None = key(document.by_name, read=document.number, default=None)
     free: tuple[str, ...] = key(document.each, read=document.line, default=())
@@ -216,6 +215,7 @@ class RobotSpec(Section):
     )
     xacro_args: Mapping[str, str] | None = key(_words, factory=dict)
     limits: Mapping[str, tuple[float, float]] = key(document.by_name, read=document.numbers, count=2, factory=dict)
+    joint_limits: JointLimitsFile | None = key(JointLimitsFile.read, default=None)
     models: Models | None = None
 
     def check(self) -> None:
@@ -256,7 +256,7 @@ class RobotSpec(Section):
                 document.file(name, getattr(spec, name), endings)
         return spec
 
-    def with_package_dirs(self, folders: Sequence[Path]) -> RobotSpec:
+    def with_package_dirs(self, folders: Sequence[PackageDir]) -> RobotSpec:
         """Return the spec with more folders that hold packages, searched first, for each URDF that it names."""
         if self.example is not None:
             raise InputError(f"is for robots from a URDF; {self.example!r} brings its own files", "package-dir")
@@ -265,11 +265,37 @@ class RobotSpec(Section):
         robots = {k: s if s.example is not None else s.with_package_dirs(folders) for k, s in self.robots.items()}
         return replace(self, robots=robots)
 
-    def known_accelerations(self) -> dict[str, float]:
-        """Return the acceleration limits by joint, those of robots in a cell with their prefixes [rad/s² or m/s²]."""
-        members = {prefix: robot.known_accelerations() for prefix, robot in self.robots.items()}
-        own = {f"{prefix}_{joint}": limit for prefix, known in members.items() for joint, limit in known.items()}
-        return {**own, **self.accelerations}
+    def by_joint(self, of: Callable[[RobotSpec], Mapping[str, float]]) -> dict[str, float]:
+        """Return what `of` says of the joints of a robot; in a cell of those of all its robots, with their prefixes."""
+        members = {prefix: robot.by_joint(of) for prefix, robot in self.robots.items()}
+        own = {f"{prefix}_{joint}": value for prefix, known in members.items() for joint, value in known.items()}
+        return {**own, **of(self)}
+
+    def rates_of_file(self, kind: str) -> dict[str, float]:
+        """Return the accelerations or jerks of `joint_limits` by joint [rad/s² or rad/s³; m where a joint slides]."""
+        return {} if self.joint_limits is None else self.joint_limits.rates(kind)
+
+    def group_state(self, name: str) -> dict[str, float]:
+        """Return the joint values of a state in the SRDF [rad or m], of the robot's group if it is one of that.
+
+        Raises InputError if there is no SRDF, or the states of that name of several groups differ; UnknownNameError,
+        which lists the states that there are.
+        """
+        if self.robots:
+            return self.by_joint(lambda spec: {} if spec.robots else spec.group_state(name))
+        srdf = self.resolved().srdf_file()
+        if srdf is None:
+            raise InputError(f"{name!r} is the name of a state in an SRDF: give the robot an SRDF, or joint values")
+        states = srdf.group_states(name)
+        found: dict[str, float] = {}
+        for group, values in states.items() if self.group not in states else ((self.group, states[self.group]),):
+            for joint, value in values.items():
+                if found.setdefault(joint, value) != value:
+                    raise InputError(
+                        f"{name!r} is a state of the groups {', '.join(states)}, with other values of {joint!r}: "
+                        f"choose one by the robot's group, got {self.group or group!r}"
+                    )
+        return found
 
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> RobotSpec:
         """Return the spec with other limits [rad or m] for the joints named, those of base and cell included."""
@@ -369,6 +395,8 @@ class RobotSpec(Section):
     ) -> RobotParts:
         """Return the parts of the robot with its joints locked, bodies convex and self pairs chosen."""
         mimics = resolved(followers, source)
+        if self.joint_limits is not None:
+            self.joint_limits.narrow(full, source)
         override_limits(full, self.limits, source)
         if self.tip is not None and not full.existFrame(self.tip):
             raise UnknownNameError("tip frame", self.tip, (frame.name for frame in list(full.frames)[1:]), source)

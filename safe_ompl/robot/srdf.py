@@ -6,6 +6,7 @@ import logging
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ from safe_ompl.robot.collision import (
     sample_configurations,
 )
 from safe_ompl.robot.joints import limits_of
-from safe_ompl.robot.urdf import PackageFolders, UrdfFile, existing_file, read_xml
+from safe_ompl.robot.urdf import PackageDir, PackageFolders, UrdfFile, existing_file, read_xml
 
 _log = logging.getLogger(__name__)
 
@@ -32,7 +33,10 @@ class SrdfFile:
     """
 
     def __init__(
-        self, path: str | Path, package_dirs: Sequence[str | Path] = (), xacro_args: Mapping[str, str] | None = None
+        self,
+        path: str | Path,
+        package_dirs: Sequence[str | PackageDir] = (),
+        xacro_args: Mapping[str, str] | None = None,
     ) -> None:
         self.path = existing_file(path, "SRDF")
         self._root, _ = read_xml(self.path, str(path), PackageFolders(self.path, package_dirs), xacro_args, "SRDF")
@@ -54,6 +58,31 @@ class SrdfFile:
     def text(self) -> str:
         """Return the text of the SRDF, expanded."""
         return ElementTree.tostring(self._root, encoding="unicode")
+
+    def group_states(self, name: str) -> dict[str, dict[str, float]]:
+        """Return the states of a name by group: the value of each joint of one axis [rad or m].
+
+        An UnknownNameError lists the states that there are; an InputError says which value is no number.
+        """
+        states = self._root.findall("group_state")
+        found: dict[str, dict[str, float]] = {}
+        for state in (state for state in states if state.get("name") == name):
+            values = found.setdefault(state.get("group", ""), {})
+            for joint in state.findall("joint"):
+                text = joint.get("value", "")
+                try:
+                    numbers = [float(word) for word in text.split()]
+                except ValueError:
+                    numbers = []
+                if not (numbers and all(map(isfinite, numbers))):
+                    where = f"{self.path}: group_state {name!r} of {state.get('group')!r}: joint {joint.get('name')!r}"
+                    raise InputError(f"must be a finite number, got {text!r}", f"{where}: value")
+                if len(numbers) == 1:
+                    values[joint.get("name", "")] = numbers[0]
+        if not found:
+            known = dict.fromkeys(state.get("name", "") for state in states)
+            raise UnknownNameError("group state", name, known, str(self.path))
+        return found
 
     def group_joints(self, name: str, full: pin.Model) -> tuple[str, ...]:
         """Return the movable joints of a group, in the order of `full`: of its chains, joints, links and subgroups."""

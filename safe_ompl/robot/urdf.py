@@ -16,12 +16,13 @@ from contextlib import suppress
 from copy import deepcopy
 from functools import cached_property
 from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
 from xml.parsers import expat
 
 import coal
 import pinocchio as pin
 
-from safe_ompl.common import InputError, UnknownNameError, warn_once, within
+from safe_ompl.common import InputError, UnknownNameError, documents as document, warn_once, within
 from safe_ompl.geometry import LONGEST, check_mesh
 from safe_ompl.robot.joints import Mimic
 
@@ -49,16 +50,53 @@ _PACKAGE = "package://"
 _MANIFEST = "package.xml"
 
 
+class NamedPackage(NamedTuple):
+    """A package that is called `name`, whatever its folder or its manifest is called."""
+
+    name: str
+    folder: Path
+
+    def to_mapping(self) -> dict[str, str]:
+        """Return the package as an entry of `package_dirs` in a document."""
+        return {self.name: document.file_name(self.folder)}
+
+
+PackageDir: TypeAlias = Path | NamedPackage
+"""A folder that holds packages, or one package by its name."""
+
+
+def read_package_dir(key: str, value: Any) -> PackageDir:
+    """Return a folder that holds packages, or the package that a mapping of its name to its folder describes."""
+    if isinstance(value, NamedPackage):
+        return value
+    if isinstance(value, Mapping):
+        if len(value) != 1:
+            raise InputError(f"must map the name of one package to its folder, got {len(value)} names", key)
+        ((name, value),) = document.mapping(key, value).items()
+        return NamedPackage(document.text(key, name), read_path(f"{key}.{name}", value))
+    return read_path(key, value)
+
+
+def read_path(key: str, value: Any) -> Path:
+    """Return a path, which is relative to the folder of the document that is read, as an absolute one."""
+    if not isinstance(value, (str, Path)):
+        raise InputError(f"must be a file name, got {document.described(value)}", key)
+    return (document.folder_of_document() / value).resolve()
+
+
 class PackageFolders:
     """Where the files that a URDF names may be: beside it, in folders that are given, and in packages.
 
-    Packages are folders with a manifest: in, or below, those given; above the URDF, and beside those above it; and in
-    the folders of ROS_PACKAGE_PATH, and `share` in those of AMENT_PREFIX_PATH.
+    Packages that are given by name come first. Others are folders with a manifest: in, or below, folders that are
+    given; above the URDF, and beside those above it; and in the folders of ROS_PACKAGE_PATH, and `share` in those of
+    AMENT_PREFIX_PATH.
     """
 
-    def __init__(self, urdf: Path, given: Sequence[str | Path]) -> None:
-        self._urdf, self._given = urdf, tuple(Path(folder).resolve() for folder in given)
-        for folder in self._given:
+    def __init__(self, urdf: Path, given: Sequence[str | PackageDir]) -> None:
+        self._urdf = urdf
+        self._packages = [entry for entry in given if isinstance(entry, NamedPackage)]
+        self._given = tuple(Path(entry).resolve() for entry in given if not isinstance(entry, NamedPackage))
+        for folder in (*self._given, *(package.folder for package in self._packages)):
             if not folder.is_dir():
                 raise InputError(f"package folder {str(folder)!r} does not exist", str(urdf))
 
@@ -72,8 +110,9 @@ class PackageFolders:
             yield from (folder / name for folder in (self._urdf.parent, *self._given))
             yield from self.elsewhere(Path(name).parts[1:]) if Path(name).is_absolute() else ()
             return
-        yield from (folder / name.lstrip("/") for folder in (*self._given, *self._urdf.parents))
         package, _, file = name.partition("/")
+        yield from (known.folder / file for known in self._packages if known.name == package)
+        yield from (folder / name.lstrip("/") for folder in (*self._given, *self._urdf.parents))
         if package:
             yield from (folder / file for folder in self.named(package))
         else:  # it is a path, whole or below one of the folders
@@ -90,7 +129,8 @@ class PackageFolders:
 
     def named(self, package: str) -> list[Path]:
         """Return the folders of a package, the nearest first."""
-        return self._by_name.get(package, [])
+        given = [known.folder for known in self._packages if known.name == package]
+        return given + self._by_name.get(package, [])
 
     @cached_property
     def _by_name(self) -> dict[str, list[Path]]:
@@ -231,6 +271,33 @@ def _check_joints(root: ElementTree.Element, source: str) -> None:
                 raise InputError(f"{where}: limit: {attribute}={given!r} must be a number >= 0", source)
 
 
+def _apply_soft_limits(root: ElementTree.Element, source: str) -> None:
+    """Narrow the limits of joints to the soft limits of their safety controllers, as MoveIt does.
+
+    The controllers slow a joint down from its soft limits on, so that plans beyond these are not followed. MoveIt takes
+    attributes that are missing for zero, which leaves no range if both are. Such tags, which only have gains, say
+    nothing about the range here.
+    """
+    for joint in root.findall("joint"):
+        limit, safety = joint.find("limit"), joint.find("safety_controller")
+        if limit is None or safety is None or joint.get("type") not in _LIMITED:
+            continue
+        soft = [float(safety.get(f"soft_{side}_limit", "0")) for side in ("lower", "upper")]
+        hard = [float(limit.get(side, "0")) for side in ("lower", "upper")]
+        if soft[0] == soft[1] == 0.0:
+            continue
+        low, high = max(soft[0], hard[0]), min(soft[1], hard[1])
+        if low > high:
+            raise InputError(
+                f"joint {joint.get('name')!r}: safety_controller: its soft limits [{soft[0]:g}, {soft[1]:g}] must "
+                f"overlap its limits [{hard[0]:g}, {hard[1]:g}]",
+                source,
+            )
+        if [low, high] != hard:
+            limit.set("lower", repr(low))
+            limit.set("upper", repr(high))
+
+
 def _check_inertials(root: ElementTree.Element, source: str) -> None:
     for link in root.findall("link"):
         for inertial in link.findall("inertial"):
@@ -350,7 +417,7 @@ class UrdfFile:
     def __init__(
         self,
         path: str | Path,
-        package_dirs: Sequence[str | Path] = (),
+        package_dirs: Sequence[str | PackageDir] = (),
         xacro_args: Mapping[str, str] | None = None,
         *,
         may_be_plain: bool = False,
@@ -402,7 +469,7 @@ class UrdfFile:
                 if file is None:
                     raise InputError(
                         f"link {link.get('name')!r}: {tag} mesh {name!r} not found; "
-                        "give the folder above its package as a package dir",
+                        "give the folder above its package as a package dir, or the package by its name",
                         str(self.path),
                     )
                 found[name] = file
@@ -459,8 +526,9 @@ class UrdfFile:
         return ElementTree.tostring(root, encoding="unicode")
 
     def _readable_root(self) -> ElementTree.Element:
-        """Return a copy of the URDF without what is not a whole inertial: the parser drops all shapes of its link."""
+        """Return a copy of the URDF within soft limits, without inertials that make the parser drop a link's shapes."""
         root = deepcopy(self._root)
+        _apply_soft_limits(root, str(self.path))
         for link in root.findall("link"):
             for inertial in link.findall("inertial"):
                 if inertial.find("mass") is None or inertial.find("inertia") is None:

@@ -26,3 +26,4 @@ from .scenario import (
     list_scenarios as list_scenarios,
 )
 from .scene import CORE as CORE, Scene as Scene
+from .scene_text import read_scene_text as read_scene_text, written_cone as written_cone

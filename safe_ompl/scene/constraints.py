@@ -11,14 +11,16 @@ from safe_ompl.common import RATE_BOUNDS, InputError, Section, documents as docu
 from safe_ompl.geometry import LIMBS, Person
 from safe_ompl.scene.scene import Scene
 
-Configuration: TypeAlias = tuple[float, ...] | Mapping[str, float]
-"""Joint values in the robot's order, or by the names of the joints [rad or m]."""
+Configuration: TypeAlias = tuple[float, ...] | Mapping[str, float] | str
+"""Joint values in the robot's order, or by the names of the joints [rad or m]; or the name of a state in its SRDF."""
 ByJoint: TypeAlias = float | Mapping[str, float] | tuple[float, ...]
 _UP = (0.0, 0.0, 1.0)
 
 
 def read_configuration(key: str, value: Any) -> Configuration:
-    """Return a configuration of finite numbers from a list, or from a mapping of joint names to values."""
+    """Return finite numbers from a list, or from a mapping of joint names to values; or the name of a state."""
+    if isinstance(value, str):
+        return document.line(key, value)
     return document.by_name(key, value, document.number) if isinstance(value, Mapping) else document.numbers(key, value)
 
 

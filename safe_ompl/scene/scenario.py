@@ -99,9 +99,10 @@ def configuration_for(robot: Robot, key: str, given: Configuration, *, is_start:
     """Return a configuration as joint values (n,) in the order of the robot's joints [rad or m].
 
     The `key` is what it is called, for errors: InputError, if it has not one value for every joint, or a value is
-    outside the joint's limits; UnknownNameError, if it names a joint that the robot does not have (or that is locked).
+    outside the joint's limits; UnknownNameError, if it names a joint that the robot does not have (or that is locked),
+    or a state that its SRDF does not have.
     """
-    if not isinstance(given, Mapping) and len(given) != robot.n:
+    if not isinstance(given, (Mapping, str)) and len(given) != robot.n:
         names = ", ".join(robot.joint_names)
         raise InputError(f"has {len(given)} values, but the robot has {robot.n} joints to move: {names}", key)
     q = robot.clipped_start(given, key) if is_start else robot.configuration(given, key)
@@ -145,8 +146,9 @@ class Scenario(Section):
         Name for reports, and what happens here.
     robot, scene : RobotSpec, Scene
         Which robot, and the obstacles.
-    start : sequence of float, or mapping of str to float
-        Start configuration, in the order of the robot's joints or by joint name [rad or m].
+    start : sequence of float, mapping of str to float, or str
+        Start configuration, in the order of the robot's joints or by joint name [rad or m]; or the name of a state in
+        its SRDF.
     goal : Goal, optional
         Where to go; needed unless there is a program.
     program : Program, optional

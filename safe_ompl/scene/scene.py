@@ -14,6 +14,7 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, documents as document, files, shown
 from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Shape, Sphere, check_number, placed
+from safe_ompl.scene.scene_text import read_scene_text
 
 CORE = " mm deep"  # the end of the names of what is so deep in an obstacle that may be touched
 _SPACING = 0.1  # [m]
@@ -75,12 +76,33 @@ class Scene(document.Section):
             seen[obstacle.name] = k
 
     @classmethod
+    def from_mapping(cls, data: Mapping[str, Any], folder: Path | None = None) -> Scene:
+        """Read ``obstacles`` and ``spacing``; and ``moveit``, the name of a `.scene` file, whose objects come first.
+
+        Meshes and cones of that file are written to the folder ``meshes``, see `read_scene_text`.
+        """
+        document.check_keys(data, (*(item.name for item in document.keys_of(cls)), "moveit", "meshes"))
+        given = {name: value for name, value in data.items() if name not in ("moveit", "meshes")}
+        if "moveit" in data:
+            below = folder or document.folder_of_document()
+            file = document.file("moveit", below / document.text("moveit", data["moveit"]), (".scene",))
+            meshes = below / document.text("meshes", data["meshes"]) if "meshes" in data else None
+            with document.within("moveit", ": "):
+                own = read_scene_text(file, meshes)
+            given["obstacles"] = [*own, *document.sequence("obstacles", data.get("obstacles") or ())]
+        elif "meshes" in data:
+            raise InputError("is for the file of moveit, which is missing", "meshes")
+        return super().from_mapping(given, folder)
+
+    @classmethod
     def from_file(cls, path: str | Path) -> Scene:
-        """Read a scene from a YAML file; mesh and point files are relative to it.
+        """Read a scene from a YAML file; mesh and point files are relative to it. Or a `.scene` file without meshes.
 
         Raises InputError, which names file, line, key and value, if it cannot be read or is not a valid scene.
         """
         file = Path(path)
+        if file.suffix.lower() == ".scene":
+            return cls(read_scene_text(file))
         with files.reading(file) as data:
             return cls.from_mapping(data, file.parent)
 

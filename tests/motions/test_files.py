@@ -1,14 +1,15 @@
 """Motions come from the files that others write, and files of other kinds are refused in one line."""
 
 import json
-from dataclasses import replace
+from dataclasses import make_dataclass, replace
 
 import numpy as np
 import pytest
 import yaml
 
 from safe_ompl import InputError, Motion, PlanResult, RateLimits, Scene, load, read_motion, save, time_path
-from safe_ompl.io import WRITABLE
+from safe_ompl.common.errors import warn_once
+from safe_ompl.io import WRITABLE, motion_of_document
 
 NAMES = ("hip", "knee")
 T = np.array([0.0, 0.5, 2.0])
@@ -48,6 +49,58 @@ def test_messages_of_ros_and_moveit(tmp_path, rates, time):
     (tmp_path / "moveit.yml").write_text(yaml.safe_dump({"trajectory": moveit}))
     for file in ("ros.json", "ros.yaml", "moveit.yml"):
         same(read_motion(tmp_path / file), expected)
+
+
+REST = {"joint_trajectory": {"joint_names": [], "points": []}, "multi_dof_joint_trajectory": {"points": []}}
+
+
+def display(*parts, start=None, **more):
+    """Return a DisplayTrajectory of robot trajectories, which begins where the first one does, or at `start`."""
+    state = {"name": ["lid", *NAMES[::-1]], "position": [0.3, *(Q[0, ::-1] if start is None else start)]}
+    trajectory = [REST, *({"joint_trajectory": part} for part in parts)]
+    return {"model_id": "arm", "trajectory": trajectory, "trajectory_start": {"joint_state": state, **more}}
+
+
+def backwards():
+    """Return the message back from the last point to the first one, with the joints in another order."""
+    said = message()
+    said["joint_names"] = said["joint_names"][::-1]
+    rows = [point["positions"][::-1] for point in said["points"]]
+    for point, row in zip(said["points"], rows[::-1], strict=True):
+        point["positions"] = row
+    return said
+
+
+def test_what_moveit_displays_is_one_motion(tmp_path, caplog):
+    file, step = tmp_path / "display.yaml", T[-1] - T[0]
+    said = display(message(), backwards(), start=Q[0, ::-1] + [2 * np.pi, 0.009])
+    file.write_text(yaml.safe_dump(json.loads(json.dumps(said))) + "---\n")
+    there_and_back = Motion.hermite([*(T - T[0]), *(T[1:] - T[0] + step)], [*Q, *Q[-2::-1]], names=NAMES)
+    same(read_motion(file), there_and_back)
+    warn_once.cache_clear()
+    held = display(message(V), attached_collision_objects=[{"object": {"id": "cup"}}])
+    same(motion_of_document(held), Motion.hermite(T, Q, V, names=NAMES))
+    assert "objects in the gripper (cup): give them to the robot" in caplog.text
+
+
+def test_objects_of_messages():
+    """Both as rosbags makes them and as rclpy does, which knows its fields by a method."""
+    types = {name: make_dataclass(name, fields) for name, fields in MESSAGES.items()}
+    times = [types["Duration"](int(t), round(1e9 * (t % 1))) for t in T]
+    points = [types["Point"](q, v, np.zeros(0), time) for q, v, time in zip(Q, V, times, strict=True)]
+    said = types["Robot"](types["Trajectory"](list(NAMES), points))
+    same(motion_of_document(said), Motion.hermite(T, Q, V, names=NAMES))
+    fields = staticmethod(lambda: dict.fromkeys(("joint_names", "points")))
+    Plain = type("Plain", (), {"get_fields_and_field_types": fields, "joint_names": list(NAMES), "points": points})
+    same(motion_of_document(Plain()), Motion.hermite(T, Q, V, names=NAMES))
+
+
+MESSAGES = {
+    "Duration": ("sec", "nanosec"),
+    "Point": ("positions", "velocities", "accelerations", "time_from_start"),
+    "Trajectory": ("joint_names", "points"),
+    "Robot": ("joint_trajectory",),
+}
 
 
 def test_tables_and_arrays(tmp_path):
@@ -204,6 +257,11 @@ def changed(point, **keys):
     return json.dumps(said)
 
 
+def shown(content):
+    """Return plain data, with arrays in it, as JSON."""
+    return json.dumps(content, default=lambda value: value.tolist())
+
+
 OTHER = json.dumps({"joint_trajectory": message(), "multi_dof_joint_trajectory": {"points": [1]}})
 
 
@@ -234,6 +292,32 @@ OTHER = json.dumps({"joint_trajectory": message(), "multi_dof_joint_trajectory":
         ("m.json", changed(2, velocity=[1.0, 2.0]), r"points\[2\].velocity: unknown key; did you mean 'velocities'"),
         ("m.json", changed(0, time_from_start={"sec": 1, "nsec": 2}), r"points\[0\].time_from_start.nsec: unknown key"),
         ("m.json", OTHER, "multi_dof_joint_trajectory: must be empty"),
+        ("m.yaml", "trajectory: []", "m.yaml: trajectory: must hold points, got none"),
+        ("m.yaml", "trajectory: [1]", r"m.yaml: trajectory\[0\]: trajectory: must be a mapping .*got int 1"),
+        (
+            "m.json",
+            shown(display(message(), {"points": [1]})),
+            r"trajectory\[2\]: joint_trajectory: must hold joint_names and points",
+        ),
+        ("m.json", shown(display(message(), message())), r"trajectory\[2\]: motion: joint 'hip' jumps by "),
+        (
+            "m.json",
+            shown(display(message(), {**message(), "joint_names": ["hip", "ankle"]})),
+            "joint_names: must be those of",
+        ),
+        (
+            "m.json",
+            shown(display(message(), start=Q[0] + 1)),
+            "trajectory_start.joint_state.position: must be within 0",
+        ),
+        (
+            "m.json",
+            shown(display(message(), start=["a", 1])),
+            r"joint_state.position: must be a finite number, got 'a'",
+        ),
+        ("m.json", shown(display(message(), start=[1])), r"joint_state.position: must be 3 numbers, got 2"),
+        ("m.json", shown({**display(message()), "trajectory_start": [1]}), "trajectory_start.state: must be a mapping"),
+        ("m.json", shown(display(message(), joint_state=1)), "trajectory_start.joint_state: must be a mapping"),
     ],
 )
 def test_bad_files_are_named_in_one_line(tmp_path, name, content, error):

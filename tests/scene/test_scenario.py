@@ -127,7 +127,7 @@ def test_goals_of_all_kinds():
     [
         (("start:", "strat:"), "strat: unknown key; did you mean 'start'?"),
         (("start: [0, 0, 0]", ""), "start: missing, but needed"),
-        (("start: [0, 0, 0]", "start: here"), "start: must be a list, got str 'here'"),
+        (("start: [0, 0, 0]", "start: 7"), "start: must be a list, got int 7"),
         (("[0, 0, 0]", "{joint1: fast}"), "start.joint1: must be a finite number, got 'fast'"),
         (("{configuration: [1, 0, 0]}", "{}"), "goal.configuration: missing: give configuration, "),
         (("{configuration: [1, 0, 0]}", "{configuration: [1], configurations: [[1]]}"), "only one of"),

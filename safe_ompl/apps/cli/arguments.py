@@ -13,7 +13,7 @@ from typing import Any, TypeVar, get_args
 from safe_ompl.apps.cli import output
 from safe_ompl.common import InputError, UnknownNameError, documents as document
 from safe_ompl.planning.planners import planner_names
-from safe_ompl.robot import CollisionSource
+from safe_ompl.robot import CollisionSource, NamedPackage, PackageDir
 from safe_ompl.scene import Scenario, ToolConstraint
 
 _Number = TypeVar("_Number", int, float)
@@ -160,12 +160,19 @@ def add_collision_option(parser: argparse._ActionsContainer) -> None:
 def add_package_dirs(parser: argparse._ActionsContainer) -> None:
     """Add folders of packages that URDFs name; every command that loads a robot or a saved file gets it."""
     option(parser, "--package-dir DIR", "holds packages that a URDF names (repeatable)", _folder, [])
+    words = "folder of the package NAME that a URDF names (repeatable)"
+    option(parser, "--package NAME=DIR", words, _package, [], dest="package_dir")
 
 
 def _folder(text: str) -> Path:
     if not Path(text).is_dir():
         raise argparse.ArgumentTypeError(f"package folder {text!r} does not exist")
     return Path(text).resolve()
+
+
+def _package(text: str) -> NamedPackage:
+    name, folder = _assignment(text, "NAME=DIR")
+    return NamedPackage(name, _folder(folder))
 
 
 def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
@@ -204,7 +211,7 @@ def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
     return dataclasses.replace(scenario, limits=dataclasses.replace(scenario.limits, **given))
 
 
-def load_scenario(name_or_file: str, package_dirs: Sequence[Path] = (), *, goal: bool = False) -> Scenario:
+def load_scenario(name_or_file: str, package_dirs: Sequence[PackageDir] = (), *, goal: bool = False) -> Scenario:
     """Load a scenario, perhaps one with a `goal`; the planners that it gives parameters to must exist, too."""
     scenario = Scenario.load(name_or_file)
     if goal and scenario.goal is None:

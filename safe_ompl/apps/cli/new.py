@@ -70,6 +70,8 @@ def add_commands(commands: Any) -> None:
     words = "write a program for an arm with a gripper: it takes a cube from a table and puts it elsewhere"
     option(parser, "--pick-and-place", words)
     option(parser, "--srdf FILE", "its SRDF, which says which links may touch")
+    words = "MoveIt's joint_limits.yaml (default: the one beside the SRDF, if there is one)"
+    option(parser, "--joint-limits FILE", words)
     option(parser, "--tip FRAME", "frame at the end of the arm")
     option(parser, "--group NAME", "group of the SRDF whose joints move; the others are held")
     arguments.add_xacro_args(parser)
@@ -98,9 +100,15 @@ def _prepare_srdf(options: argparse.Namespace) -> Callable[[], int]:
 def _prepare_new(options: argparse.Namespace) -> Callable[[], int]:
     """Read the robot, choose its arm, and return the job."""
     document.file("URDF", options.urdf, (".urdf", ".xml", ".xacro"))
-    keys = ("urdf", "srdf", "tip", "group", "collision")
+    keys = ("urdf", "srdf", "tip", "group", "collision", "joint_limits")
     chosen: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
-    chosen |= {"package_dirs": list(map(str, options.package_dir)), "xacro_args": arguments.xacro_args(options)}
+    if options.srdf and "joint_limits" not in chosen:
+        # Packages of MoveIt hold both files in one folder.
+        beside = Path(options.srdf).with_name("joint_limits.yaml")
+        if beside.is_file():
+            _say(f"safe-ompl: the limits of {beside} are those of the robot, too")
+            chosen["joint_limits"] = beside
+    chosen |= {"package_dirs": options.package_dir, "xacro_args": arguments.xacro_args(options)}
     with document.within("--", separator=""):
         given = RobotSpec.from_mapping(chosen, Path())
     new = New(*with_arm(given), Path(options.output))

@@ -21,6 +21,7 @@ from safe_ompl.drawing import (
 )
 from safe_ompl.io import MotionRecord, load, read_ticks, schema
 from safe_ompl.planning import PlanResult, check_named_planner, setup_scenario
+from safe_ompl.robot import PackageDir
 from safe_ompl.scene import Scenario
 from safe_ompl.tasks import PROGRAM_TIME, plan_program
 
@@ -135,7 +136,7 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
     return ViewerContent.of_results(results, title=scenario.name, posture=start)
 
 
-def _loaded(given: Sequence[str], package_dirs: Sequence[Path]) -> ViewerContent:
+def _loaded(given: Sequence[str], package_dirs: Sequence[PackageDir]) -> ViewerContent:
     with files.reading_json(given[0]) as content:
         form = content.get("format") if isinstance(content, dict) else None
         if form == schema.FORMAT:

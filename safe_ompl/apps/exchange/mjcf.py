@@ -9,9 +9,19 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.apps.exchange.moveit import written_mesh
 from safe_ompl.common import FloatArray, InputError, within
-from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Shape, Sphere, Triangles, triangle_tree, turn_onto
+from safe_ompl.geometry import (
+    Box,
+    Capsule,
+    Cylinder,
+    Obstacle,
+    Shape,
+    Sphere,
+    Triangles,
+    triangle_tree,
+    turn_onto,
+    written_mesh,
+)
 from safe_ompl.robot import Mimic, Robot
 from safe_ompl.scene import Scene
 

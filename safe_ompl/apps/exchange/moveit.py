@@ -8,7 +8,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +15,10 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import InputError, UnknownNameError, documents as document, files
-from safe_ompl.geometry import Box, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere
+from safe_ompl.geometry import Box, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere, written_mesh
+from safe_ompl.io import plain_message
 from safe_ompl.robot import Attachment
-from safe_ompl.scene import Scene
+from safe_ompl.scene import Scene, read_scene_text, written_cone
 
 _OBJECT = (
     *("header", "pose", "id", "type", "primitives", "primitive_poses", "meshes", "mesh_poses", "planes"),
@@ -64,16 +64,7 @@ def _planning_scene(file: str | Path, topic: str | None) -> Iterator[dict[str, A
     with document.within(str(file), ": "):
         if not messages:
             raise InputError(f"has no message of {_PLANNING_SCENE}")
-        yield _plain(messages[-1][1])
-
-
-def _plain(value: Any) -> Any:
-    """Return a message as mappings, lists and numbers."""
-    if is_dataclass(value):
-        return {item.name: _plain(getattr(value, item.name)) for item in fields(value) if item.name[0] != "_"}
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
+        yield plain_message(messages[-1][1])
 
 
 def scene_from_moveit(
@@ -87,9 +78,11 @@ def scene_from_moveit(
     Parameters
     ----------
     file : path-like
-        The message as YAML or JSON; or a recording of ROS 2 (.mcap, a folder, .db3), whose last one counts.
+        The message as YAML or JSON; a recording of ROS 2 (.mcap, a folder, .db3), whose last one counts; or the
+        objects as RViz exports them (.scene).
     meshes : path-like, optional
-        Folder to which meshes are written (.obj), which messages hold as points. Concave ones become their hulls.
+        Folder to which meshes, which messages hold as points, and cones are written (.obj). Concave meshes become
+        their hulls.
     topic : str, optional
         Of a recording that has several.
 
@@ -103,9 +96,11 @@ def scene_from_moveit(
     Raises
     ------
     InputError
-        If the message is a difference, or holds what cannot be represented: cones, prisms, planes, padding or scale of
+        If the message is a difference, or holds what cannot be represented: prisms, planes, padding or scale of
         links, frames that it does not place, full (not binary) octomaps; names file, key and value.
     """
+    if Path(file).suffix.lower() == ".scene":
+        return Scene(read_scene_text(file, meshes)), ()
     with _planning_scene(file, topic) as data:
         return _Moveit(data, None if meshes is None else Path(meshes)).read()
 
@@ -209,7 +204,8 @@ class _Moveit:
             places = document.each(_POSES[key], item.get(_POSES[key], ()), _placed, count=len(shapes))
             for k, (shape, place) in enumerate(zip(shapes, places, strict=True)):
                 with document.within(f"{key}[{k}]"):
-                    made = _primitive(shape) if key == "primitives" else self.mesh(f"{item['id']}_{k}", shape)
+                    name = "".join(c if c.isalnum() or c in "-_" else "_" for c in f"{item['id']}_{k}")
+                    made = self.primitive(name, shape) if key == "primitives" else self.mesh(name, shape)
                     found.append((made, origin * place))
         if not found:
             raise InputError("has no shape", "primitives")
@@ -218,21 +214,17 @@ class _Moveit:
     def mesh(self, name: str, data: Mapping[str, Any]) -> Mesh:
         vertices = [(point["x"], point["y"], point["z"]) for point in data["vertices"]]
         faces = [[int(corner) for corner in each["vertex_indices"]] for each in data["triangles"]]
-        safe = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
-        return written_mesh(self.folder, safe, vertices, faces)
+        return written_mesh(self.folder, name, vertices, faces)
 
-
-def written_mesh(
-    folder: Path | None, name: str, vertices: Sequence[Sequence[float]], faces: Sequence[Sequence[int]]
-) -> Mesh:
-    """Return a mesh (V, 3), (F, 3) that is written to a folder (.obj), or raise InputError where there is none."""
-    if folder is None:
-        raise InputError("is a mesh: give the folder to write it to (meshes=)")
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"{name}.obj"
-    lines = ["v {!r} {!r} {!r}".format(*map(float, point)) for point in vertices]
-    files.write(file, "\n".join([*lines, *("f {} {} {}".format(*(k + 1 for k in face)) for face in faces), ""]))
-    return Mesh(file)
+    def primitive(self, name: str, data: Mapping[str, Any]) -> Shape:
+        kind, sizes = data.get("type"), document.sequence("dimensions", data.get("dimensions", ()))
+        counts = {1: 3, 2: 1, 3: 2, 4: 2}
+        if kind not in counts:
+            raise InputError(f"must be a box (1), sphere (2), cylinder (3) or cone (4), got {kind!r}", "type")
+        sizes = list(document.numbers("dimensions", sizes, counts[kind], above=0.0))
+        if kind == 4:
+            return written_cone(self.folder, name, sizes[1], sizes[0])
+        return Box(sizes) if kind == 1 else Sphere(*sizes) if kind == 2 else Cylinder(sizes[1], sizes[0])
 
 
 def _names(name: str, shapes: Sequence[Any]) -> list[str]:
@@ -254,15 +246,6 @@ def _pose(data: Mapping[str, Any], position: str = "position", orientation: str 
     quaternion = [document.mapping(orientation, turn).get(name, 0.0) for name in "xyzw"]
     no_turn = all(value == 0 for value in quaternion)
     return Pose([place.get(name, 0.0) for name in "xyz"], (0.0, 0.0, 0.0, 1.0) if no_turn else quaternion).se3
-
-
-def _primitive(data: Mapping[str, Any]) -> Shape:
-    kind, sizes = data.get("type"), document.sequence("dimensions", data.get("dimensions", ()))
-    counts = {1: 3, 2: 1, 3: 2}
-    if kind not in counts:
-        raise InputError(f"must be a box (1), sphere (2) or cylinder (3), got {kind!r}", "type")
-    sizes = list(document.numbers("dimensions", sizes, counts[kind]))
-    return Box(sizes) if kind == 1 else Sphere(*sizes) if kind == 2 else Cylinder(sizes[1], sizes[0])
 
 
 def _leaves(data: bytes, resolution: Any, place: pin.SE3) -> list[Obstacle]:

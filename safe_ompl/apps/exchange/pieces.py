@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.apps.exchange.moveit import written_mesh
 from safe_ompl.common import FloatArray, InputError, finite_array, number
-from safe_ompl.geometry import Mesh, hull_planes
+from safe_ompl.geometry import Mesh, hull_planes, written_mesh
 
 _CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 # The smallest triangles that are checked have edges of this many margins.

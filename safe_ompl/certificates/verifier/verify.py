@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from math import isclose
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +22,7 @@ from safe_ompl.certificates.verifier.program import AllowedChanges, RecordedCell
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
 from safe_ompl.common import CertificateError, InputError, IntArray, documents as document, notebook_html, number
 from safe_ompl.io import built_robot, built_scene, schema
-from safe_ompl.robot import Robot, robot_hash
+from safe_ompl.robot import PackageDir, Robot, robot_hash
 from safe_ompl.scene import Scene, Step
 
 # Verification may take so long by default.
@@ -65,7 +64,7 @@ def verify(
     scene: Scene | None = None,
     *,
     terms: AskedTerms | None = None,
-    package_dirs: Sequence[Path] = (),
+    package_dirs: Sequence[PackageDir] = (),
     time: float = TIME,
 ) -> Verified:
     """Check a certificate: that what it claims holds of every motion in it, and that several are one motion.
@@ -153,7 +152,9 @@ class Origin(NamedTuple):
         return f", for the {' and the '.join(self.own)} that the file itself carries" if self.own else ""
 
 
-def _origin(claims: Certificate, robot: Robot | None, scene: Scene | None, package_dirs: Sequence[Path]) -> Origin:
+def _origin(
+    claims: Certificate, robot: Robot | None, scene: Scene | None, package_dirs: Sequence[PackageDir]
+) -> Origin:
     """Return robot and scene, those that the file carries where none are given; what it says of them must agree."""
     with document.within("scene"):
         carried = built_scene(claims.scene)

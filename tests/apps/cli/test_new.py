@@ -306,3 +306,21 @@ def test_an_arm_without_a_gripper_gets_one_line(urdf, tmp_path, capsys):
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "the arm with the tip 'quill' has no gripper" in line
     assert not (tmp_path / "work.yaml").exists()
+
+
+def test_limits_beside_the_srdf_are_those_of_the_scenario(urdf, tmp_path, capsys):
+    """And the folder of a package has a name of its own."""
+    srdf, limits = urdf.with_suffix(".srdf"), urdf.with_name("joint_limits.yaml")
+    srdf.write_text('<robot name="scara"><disable_collisions link1="base" link2="outer" reason="Never"/></robot>')
+    limits.write_text("joint_limits: {shoulder: {max_position: 2.0, max_velocity: 1.5}}\n")
+    given = ["new", str(urdf), "--srdf", str(srdf), "--package", f"parts={tmp_path}", "-o"]
+    assert main([*given, str(tmp_path / "mine.yaml")]) == 0
+    assert f"the limits of {limits} are those of the robot" in capsys.readouterr().err.replace("\n", " ")
+    robot = Scenario.load(tmp_path / "mine.yaml").build_robot()
+    assert robot.upper[0] == 2.0
+    assert robot.spec.package_dirs == (("parts", tmp_path),)
+    limits.write_text("joint_limits: {shoulder: {max_velocity: -1}}\n")
+    assert main([*given, str(tmp_path / "other.yaml")]) == 2
+    assert "joint_limits.shoulder.max_velocity: must be" in capsys.readouterr().err.replace("\n", " ")
+    assert main(["plan", str(tmp_path / "mine.yaml"), "--package", "parts"]) == 2
+    assert "must have the form NAME=DIR, not 'parts'" in capsys.readouterr().err

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 import yaml
 
-from safe_ompl import InputError, Sphere
+from safe_ompl import InputError, Scene, Sphere
 from safe_ompl.apps.exchange import scene_from_moveit
 
 PLACES = 1000
@@ -118,6 +118,150 @@ def test_a_planning_scene_is_as_far_away_as_its_shapes(form, tmp_path):
     assert held[0].pose.position == (0, 0, 0.1)
 
 
+OBJECTS = """cell, exported from RViz
+* table
+{table}2
+box
+0.4 0.3 0.1
+0 0 0.2
+0 0 0 1
+0.5 0.25 0 1
+cylinder
+0.05 0.5
+0 0.4 0
+0 0 0 1
+0 0 0 0
+{subframes}* a cone / half
+{flat}1
+cone
+0.2 0.6
+0 -0.5 0
+0 0.7071067811865476 0 0.7071067811865476
+0 0 0 0
+{none}* wedge
+{flat}1
+mesh
+8 12
+{vertices}
+{faces}
+-0.8 0 0
+0 0 0 1
+0 0 0 0
+{none}* nothing
+{flat}0
+{none}.
+"""
+
+
+def objects(new):
+    """Return a `.scene` file in the newer format, where objects have poses, or in the older one, without them."""
+    vertices, faces = ("\n".join(" ".join(map(str, row)) for row in rows) for rows in (CUBE, CUBE_FACES * 2))
+    place = "0.5 0 0\n0.5 0.5 0.5 0.5\n" if new else ""
+    parts = {"table": place, "flat": "0 0 0\n0 0 0 1\n" if new else "", "none": "0\n" if new else ""}
+    parts["subframes"] = "1\nhandle\n0 0 1\n0 0 0 1\n" if new else ""
+    return OBJECTS.format(vertices=vertices, faces=faces, **parts)
+
+
+@pytest.mark.parametrize("new", [True, False])
+def test_what_rviz_exports_is_as_far_away_as_its_shapes(new, tmp_path):
+    file = tmp_path / "cell.scene"
+    file.write_text(objects(new))
+    scene, held = scene_from_moveit(file, meshes=tmp_path / "meshes")
+    place = pin.SE3(np.eye(3), np.array([0.5, 0, 0])) * turned(0.5, 0.5, 0.5, 0.5) if new else pin.SE3.Identity()
+    shift = [pin.SE3(np.eye(3), np.array(t)) for t in ([0, 0, 0.2], [0, 0.4, 0], [-0.65, 0.1, 0.05], [0, -0.5, 0])]
+    cone = scene["a cone / half"]
+    expected = [
+        (coal.Box(0.4, 0.3, 0.1), place * shift[0]),
+        (coal.Cylinder(0.05, 0.5), place * shift[1]),
+        (coal.Box(0.3, 0.2, 0.1), shift[2]),
+    ]
+    assert_same_distances(scene.without(cone.name), expected)
+    assert (scene.names, held) == (("table/0", "table/1", cone.name, "wedge"), ())
+    assert [o.color for o in scene] == [(0.5, 0.25, 0.0), None, None, None]
+    # The mesh of a cone contains the cone, and is wider by 0.5 % of the radius at most.
+    own, real = cone.shape.parts()[0].geometry, coal.Cone(0.2, 0.6)
+    at_cone = shift[3] * turned(0, 1, 0, 1)
+    assert cone.pose.se3.isApprox(at_cone)
+    for _ in range(300):
+        at = pin.SE3.Random()
+        at.translation *= 2
+        near, far = (distance(shape, pin.SE3.Identity(), coal.Sphere(0.01), at) for shape in (own, real))
+        assert far - 1.01 * 0.2 * 0.005 - EXACT < near < far + EXACT or far <= 0
+    content = {"moveit": "cell.scene", "meshes": "meshes", "obstacles": [{"name": "ball", "sphere": {"radius": 0.1}}]}
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
+    whole = Scene.from_file(tmp_path / "scene.yaml")
+    assert whole.without("ball") == scene
+    whole.save(tmp_path / "saved.yaml")
+    assert Scene.from_file(tmp_path / "saved.yaml") == whole
+    with pytest.raises(InputError, match=r"cell.scene:\d+: 'a cone / half': meshes: missing, but needed: the folder"):
+        Scene.from_file(file)
+
+
+SHAPE = "name\n* a\n0 0 0\n0 0 0 1\n1\nbox\n1 1 1\n0 0 0\n0 0 0 1\n0 0 0 0\n0\n.\n"
+TETRAHEDRON = "mesh\n4 4\n0 0 0 1 0 0 0 1 0 0 0 1\n0 1 2 0 1 3 0 2 3 1 2 3\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (SHAPE, "", ".scene:1: ends before the dot that ends it"),
+        ("* a", "*", r".scene:2: must be named"),
+        ("* a", "a", r".scene:2: must be '\* ID' or '.', got 'a'"),
+        (".\n", "", "scene:11: 'a': ends before the dot"),
+        (".\n", SHAPE.removeprefix("name\n"), "scene:12: 'a': is there twice"),
+        ("0 0 0\n0 0 0 1\n1", "0 0 x\n0 0 0 1\n1", "scene:3: 'a': pose: must be a number, got 'x'"),
+        ("0 0 0\n0 0 0 1\n1", "0 0 nan\n0 0 0 1\n1", "scene:3: 'a': pose: must be a finite number, got nan"),
+        ("0 0 0\n0 0 0 1\n1", "0 0 0\n0 0 0 0\n1", "scene:4: 'a': quaternion_xyzw"),
+        ("\n1\nbox", "\n-1\nbox", "'a': number of shapes: must be a finite number in"),
+        ("\n1\nbox", "\n1.5\nbox", "'a': number of shapes: must be a whole number, got 1.5"),
+        ("\n1\nbox", "\n999999999\nbox", r"scene:12: 'a': must be|scene:1.: 'a'"),
+        ("box", "bax", "scene:6: 'a': unknown kind of shape 'bax'; did you mean 'box'"),
+        (
+            "box\n1 1 1",
+            "plane\n0 0 1 0",
+            "'a': unknown kind of shape 'plane'; known: box, sphere, cylinder, cone, mesh",
+        ),
+        ("box\n1 1 1", "box\n1 1 -1", "scene:7: 'a': z of the box: must be a positive number, got -1"),
+        ("box\n1 1 1", "cylinder\n1", "scene:8|scene:9|scene:10"),
+        ("box\n1 1 1\n", TETRAHEDRON.replace("4 4", "4 999999999"), "'a': corner of a triangle"),
+        (
+            "box\n1 1 1\n",
+            TETRAHEDRON.replace("1 2 3\n", "1 2 4\n"),
+            r"corner of a triangle: must be .* \[0, 3\], got 4",
+        ),
+        ("box\n1 1 1\n", TETRAHEDRON.replace("4 4", "3 4"), "number of vertices: must be a finite number in .4"),
+        ("box\n1 1 1\n", TETRAHEDRON.replace("0 1 0 0 0 1", "0 1 0 1 1 0"), "is flat"),
+        ("0 0 0 0\n0\n", "0 0 2 0\n0\n", r"color: must be a finite number in \[0, 1\], got 2"),
+        ("0 0 0 0\n0\n", "0 0 0 0\n1\n", "ends before pose|pose: must be"),
+    ],
+)
+def test_what_rviz_does_not_export_is_refused(old, new, said, tmp_path):
+    file = tmp_path / "cell.scene"
+    file.write_text(SHAPE)
+    assert len(scene_from_moveit(file)[0].obstacles) == 1
+    file.write_text(SHAPE.replace(old, new, 1))
+    with pytest.raises(InputError, match=said) as error:
+        scene_from_moveit(file, meshes=tmp_path)
+    assert "\n" not in str(error.value)
+
+
+def test_a_scene_of_moveit_in_a_scenario_must_be_there(tmp_path):
+    file = tmp_path / "scene.yaml"
+    for content, said in (
+        ({"moveit": "none.scene"}, "scene.yaml:1: moveit: .*none.scene' does not exist"),
+        ({"moveit": 3}, "moveit: must be text"),
+        ({"moveit": "scene.yaml"}, "moveit: .* must end in .scene"),
+        ({"meshes": "folder"}, "meshes: is for the file of moveit, which is missing"),
+        ({"movit": "x.scene"}, "movit: unknown key; did you mean 'moveit'"),
+    ):
+        file.write_text(yaml.safe_dump(content))
+        with pytest.raises(InputError, match=said):
+            Scene.from_file(file)
+    (tmp_path / "latin.scene").write_bytes(b"\xff\xfe")
+    with pytest.raises(InputError, match=r"latin.scene: is not text in UTF-8"):
+        scene_from_moveit(tmp_path / "latin.scene")
+
+
 MESSAGE = """World world
 bool is_diff
 ================================================================================
@@ -190,7 +334,7 @@ def changed(key, value):
         (changed("world obstacles", []), "world.obstacles: unknown key"),
         (changed("padding 0 padding", 0.01), r"link_padding\[0\].padding: must be 0, got 0.01"),
         (changed("objects 0 header frame_id", "moon"), "'table'.header.frame_id: .*'moon'"),
-        (changed("objects 0 primitives 0 type", 4), r"primitives\[0\].type: must be .*got 4"),
+        (changed("objects 0 primitives 0 type", 5), r"primitives\[0\].type: must be .*got 5"),
         (changed("objects 0 primitives 1 dimensions", [1]), r"dimensions: must be 2 numbers"),
         (changed("objects 0 planes", [{"coef": [0, 0, 1, 0]}]), "planes"),
         (changed("objects 0 operation", 1), r"operation: must be ADD \(0\), got 1"),
@@ -215,7 +359,7 @@ def test_what_a_planning_scene_cannot_be_is_refused(change, said, tmp_path):
 def test_meshes_are_written_only_where_one_says(tmp_path):
     file = tmp_path / "scene.json"
     file.write_text(json.dumps(planning_scene()))
-    with pytest.raises(InputError, match=r"'wedge'.meshes\[0\].*meshes="):
+    with pytest.raises(InputError, match=r"'wedge'.meshes\[0\].*missing, but needed: the folder"):
         scene_from_moveit(file)
 
 

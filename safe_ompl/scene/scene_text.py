@@ -1,0 +1,137 @@
+"""The text files in which MoveIt and RViz keep the objects of a planning scene (`.scene`).
+
+The first line is a name. An object begins with `* ID`, and a line with a dot ends the file. Since 2020 the pose of the
+object comes next, and subframes end it. Then there are the number of its shapes and, of each, its kind, its sizes, its
+pose, and its colour. A pose is a position [m] and a quaternion, x, y, z, w.
+"""
+
+from __future__ import annotations
+
+from itertools import takewhile
+from math import cos, pi, sin
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.common import InputError, UnknownNameError, documents as document, files
+from safe_ompl.geometry import Box, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere, written_mesh
+
+_SIZES = {"box": ("x", "y", "z"), "sphere": ("radius",), "cylinder": ("radius", "length"), "cone": ("radius", "length")}
+# Corners of the polygon around the base of a cone, which is 0.5 % wider than the base at most.
+_CORNERS = 32
+
+
+def read_scene_text(file: str | Path, meshes: str | Path | None = None) -> tuple[Obstacle, ...]:
+    """Return the objects of a `.scene` file as obstacles, called as there; of several shapes ID/0, ID/1, ….
+
+    Meshes, which the file holds as points, and cones are written to the folder `meshes` (.obj). Raises InputError,
+    which names file, line and value, if the file is malformed, or holds such shapes and no folder is given.
+    """
+    path = Path(file)
+    with document.within(str(path), ": "):
+        words = _Words(path, files.file_text(path))
+    found: dict[str, list[Obstacle]] = {}
+    while (marker := words.word("the dot that ends it")) != ".":
+        if marker != "*":
+            raise InputError(f"must be '* ID' or '.', got {marker!r}", words.place)
+        words.name = name = words.rest_of_line()
+        if not name or name in found:
+            raise InputError("is there twice" if name else "must be named", words.place)
+        frame = words.pose() if words.has_poses else pin.SE3.Identity()
+        count = words.count("number of shapes", 0)
+        names = (name if count == 1 else f"{name}/{k}" for k in range(count))
+        found[name] = [words.obstacle(each, frame, None if meshes is None else Path(meshes)) for each in names]
+        for _ in range(words.count("number of subframes", 0) if words.has_poses else 0):
+            words.word("name of a subframe")
+            words.pose()
+    return tuple(obstacle for own in found.values() for obstacle in own)
+
+
+def written_cone(folder: Path | None, name: str, radius: float, length: float) -> Mesh:
+    """Return a mesh around a cone, whose tip is on the positive z axis and whose origin is half-way up.
+
+    The mesh, which is written to a folder (.obj), contains the cone: its base is a polygon around that of the cone.
+    """
+    angles = 2 * pi / _CORNERS * np.arange(_CORNERS)
+    wide, half = radius / cos(pi / _CORNERS), length / 2
+    points = [[wide * cos(angle), wide * sin(angle), -half] for angle in angles]
+    after = [(k + 1) % _CORNERS for k in range(_CORNERS)]
+    sides = [[k, after[k], _CORNERS] for k in range(_CORNERS)]
+    base = [[0, after[k], k] for k in range(1, _CORNERS - 1)]
+    return written_mesh(folder, name, [*points, [0.0, 0.0, half]], [*sides, *base])
+
+
+class _Words:
+    """The words of a file, which are read one after another; `name` is the object that they belong to."""
+
+    def __init__(self, path: Path, content: str) -> None:
+        lines = content.splitlines()
+        self._path, self._line, self._next, self.name = path, 1, 0, ""
+        self._words = [(k, word) for k, line in enumerate(lines[1:], start=2) for word in line.split()]
+        # As in MoveIt the line after that of the first object tells: a pose has several words, a number of shapes one.
+        starts = [k for k, line in enumerate(lines) if k and line.startswith("*")]
+        self.has_poses = bool(starts) and " " in "".join(lines[starts[0] + 1 : starts[0] + 2]).strip()
+
+    @property
+    def place(self) -> str:
+        """File, line and object, for errors."""
+        return f"{self._path}:{self._line}" + (f": {self.name!r}" if self.name else "")
+
+    def word(self, what: str) -> str:
+        if self._next == len(self._words):
+            raise InputError(f"ends before {what}", self.place)
+        self._line, word = self._words[self._next]
+        self._next += 1
+        return word
+
+    def rest_of_line(self) -> str:
+        rest = [word for _, word in takewhile(lambda word: word[0] == self._line, self._words[self._next :])]
+        self._next += len(rest)
+        return " ".join(rest)
+
+    def number(self, what: str, **bounds: Any) -> float:
+        word = self.word(what)
+        with document.within(self.place, ": "):
+            try:
+                value = float(word)
+            except ValueError:
+                raise InputError(f"must be a number, got {word!r}", what) from None
+            return document.number(what, value, **bounds)
+
+    def count(self, what: str, at_least: int, at_most: float = 1e9) -> int:
+        value = self.number(what, at_least=at_least, at_most=at_most)
+        if value != int(value):
+            raise InputError(f"must be a whole number, got {value:g}", f"{self.place}: {what}")
+        return int(value)
+
+    def pose(self) -> pin.SE3:
+        values = [self.number("pose") for _ in range(7)]
+        with document.within(self.place, ": "):
+            return Pose(values[:3], values[3:]).se3
+
+    def obstacle(self, name: str, frame: pin.SE3, folder: Path | None) -> Obstacle:
+        shape = self.shape(name, folder)
+        place = self.pose()
+        color = [self.number("color", at_least=0.0, at_most=1.0) for _ in range(4)]
+        # Zeros stand for no colour.
+        return Obstacle(name, shape, Pose.of(frame * place), color=color[:3] if any(color) else None)
+
+    def shape(self, name: str, folder: Path | None) -> Shape:
+        kind, safe = self.word("kind of shape"), quote(name, safe="")
+        if kind not in _SIZES and kind != "mesh":
+            raise UnknownNameError("kind of shape", kind, (*_SIZES, "mesh"), self.place)
+        sizes = [self.number(f"{size} of the {kind}", above=0.0) for size in _SIZES.get(kind, ())]
+        if kind == "mesh":
+            corners = self.count("number of vertices", 4)
+            triangles = self.count("number of triangles", 4)
+            points = [[self.number("vertex") for _ in range(3)] for _ in range(corners)]
+            faces = [[self.count("corner of a triangle", 0, corners - 1) for _ in range(3)] for _ in range(triangles)]
+        with document.within(self.place, ": "):
+            if kind == "mesh":
+                return written_mesh(folder, safe, points, faces)
+            if kind == "cone":
+                return written_cone(folder, safe, *sizes)
+            return Box(sizes) if kind == "box" else Sphere(*sizes) if kind == "sphere" else Cylinder(*sizes)
