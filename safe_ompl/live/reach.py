@@ -20,9 +20,11 @@ from safe_ompl.common import FloatArray, IntArray
 class ReachViolation(NamedTuple):
     """A body that moved farther than was promised."""
 
-    who: str  # The person or object, and its limb; the limb of an object is empty
+    # The person or object, and its limb. The limb of an object is empty.
+    who: str
     limb: str
-    excess: float  # How far it was beyond what its reach allows [m]
+    # How far the limb was beyond what its reach allows [m].
+    excess: float
 
     def __str__(self) -> str:
         limb = f" ({self.limb})" if self.limb else ""
@@ -35,10 +37,14 @@ class ReachSets:
 
     # The person or object and the limb that each of the M bodies is; the limb of an object is empty
     names: tuple[tuple[str, str], ...]
-    points: FloatArray  # (P, 3), of all bodies, one after the other [m]
-    first: IntArray  # (M + 1,), where the points of each body begin
-    radii: FloatArray  # (M,), of the bodies about their points [m]
-    growth: FloatArray  # (M, 2), g₀ [m] and g₁ [m/s]
+    # The points of all bodies, one body after the other (P, 3) [m].
+    points: FloatArray
+    # Where the points of each body begin (M + 1,).
+    first: IntArray
+    # The radii of the bodies about their points (M,) [m].
+    radii: FloatArray
+    # The growth g₀ [m] and its rate g₁ [m/s] of each body (M, 2).
+    growth: FloatArray
 
     @property
     def arrays(self) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:

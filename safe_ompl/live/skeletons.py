@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, UnknownNameError, files, float_array, number
 from safe_ompl.geometry import LIMBS, STANDING
 
-KEYPOINTS: tuple[str, ...] = (*STANDING, "pelvis")  # of the body of the package, and the middle of its hips
+# The key points of the package's body model, and the middle of its hips.
+KEYPOINTS: tuple[str, ...] = (*STANDING, "pelvis")
 
 _Z_UP = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -24,10 +25,12 @@ class Skeleton:
     """A skeleton of key points as one tracker gives it."""
 
     name: str  # Such as "coco17"
-    points: tuple[str, ...]  # Its J key points, in the tracker's order
+    # The J key points, in the tracker's order.
+    points: tuple[str, ...]
     # For key points of our body the tracker's points whose mean they are; the others the tracker does not see
     sources: Mapping[str, tuple[str, ...]] = field(hash=False)
-    scale: float = 1.0  # Length of its unit [m]
+    # The length of the tracker's unit [m].
+    scale: float = 1.0
     # Its axes in a frame with x forward, y to the left and z up: the rows are x, y, z
     axes: tuple[tuple[float, ...], ...] = _Z_UP
 
@@ -96,8 +99,9 @@ def skeleton_of(points: Sequence[str]) -> Skeleton:
 
 
 HEIGHT = 1.75  # [m]
-_CHEST = 0.28  # from the shoulders towards the pelvis, as in `safe_ompl.geometry.person`
-_HEIGHTS = (0.3, 2.8)  # [m] of people
+# The share of the way from the shoulders to the pelvis, as in `safe_ompl.geometry.person`.
+_CHEST = 0.28
+_HEIGHT_RANGE = (0.3, 2.8)  # [m] of people
 _OUTWARDS = {"elbow": "shoulder", "wrist": "elbow", "hand": "wrist", "knee": "hip", "ankle": "knee", "toe": "ankle"}
 _HANGS_ON = {
     **{f"{side}_{end}": (f"{side}_{begin}",) for side in ("left", "right") for end, begin in _OUTWARDS.items()},
@@ -123,11 +127,13 @@ class TrackedBody:
     Raises InputError if the height is not a person's, or there is no limb of a name.
     """
 
-    height: float = HEIGHT  # From 0.3 to 2.8 [m]; radii and assumed lengths follow from it
-    only: tuple[str, ...] = ()  # Limbs that there are; default: all of `safe_ompl.geometry.person.LIMBS`
+    # The height, from 0.3 to 2.8 [m]. Radii and assumed lengths follow from it.
+    height: float = HEIGHT
+    # The limbs that exist. The default is all of `safe_ompl.geometry.person.LIMBS`.
+    only: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        number("height", self.height, at_least=_HEIGHTS[0], at_most=_HEIGHTS[1])
+        number("height", self.height, at_least=_HEIGHT_RANGE[0], at_most=_HEIGHT_RANGE[1])
         for name in self.only:
             if name not in LIMBS:
                 raise UnknownNameError("limb", name, LIMBS, "only")
@@ -230,9 +236,11 @@ def facing(points: FloatArray) -> FloatArray:
 class Recording:
     """One clip of a person."""
 
-    skeleton: Skeleton  # What its key points are
+    # The names and axes of its key points.
+    skeleton: Skeleton
     rate: float  # Frames per second
-    frames: FloatArray  # (T, J, 3), as the sensor gave them
+    # The frames as the sensor gave them (T, J, 3).
+    frames: FloatArray
     source: str = ""  # File and clip
 
     def __repr__(self) -> str:

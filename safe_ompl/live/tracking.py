@@ -26,20 +26,24 @@ from safe_ompl.live.reach import ReachSets, ReachViolation
 from safe_ompl.live.skeletons import KEYPOINTS, Skeleton, TrackedBody
 from safe_ompl.scene import People, Scene
 
-_ROUNDING = 1e-9  # [m] or [s]
+_REACH_ROUNDING = 1e-9  # [m] or [s]
 # The reach sets of a cloud are at most so many balls, about cells of a grid whose smallest edge is this.
 _MOST_BALLS = 256
-_FINEST = 0.01  # [m]
+_LEAST_GRID_EDGE = 0.01  # [m]
 
 
 @dataclass(frozen=True)
 class Tracker(Section):
     """How a person is tracked."""
 
-    skeleton: Skeleton  # The key points that the sensor gives
-    body: TrackedBody = field(default_factory=TrackedBody)  # The person's size, and which limbs there are
-    place: Pose = field(default_factory=Pose)  # The sensor's frame, turned to x forward, y left, z up, in the world
-    noise: float = key(document.number, default=0.0, at_least=0.0)  # Bound of the errors of key points [m]
+    # The key points that the sensor measures.
+    skeleton: Skeleton
+    # The person's size, and which limbs exist.
+    body: TrackedBody = field(default_factory=TrackedBody)
+    # The sensor's frame in the world, turned to x forward, y left, z up.
+    place: Pose = field(default_factory=Pose)
+    # A bound of the errors of key points [m].
+    noise: float = key(document.number, default=0.0, at_least=0.0)
 
 
 class PersonTrack:
@@ -57,7 +61,8 @@ class PersonTrack:
         self._places: FloatArray = np.full((len(KEYPOINTS), 3), np.nan)
         self._times: FloatArray = np.full(len(KEYPOINTS), -np.inf)
         self._completed: FloatArray | None = None
-        self._sets: ReachSets | None = None  # of the last measurement, once they were asked for
+        # The reach sets of the last measurement, once they were requested.
+        self._sets: ReachSets | None = None
         self._rests: IntArray = np.arange(len(KEYPOINTS))
 
     @property
@@ -97,7 +102,7 @@ class PersonTrack:
         assert self._completed is not None
         excess = promised.excess(self.tracker.body.ends(self._completed), since)
         worst = int(excess.argmax())
-        if excess[worst] <= self.tracker.noise + _ROUNDING:
+        if excess[worst] <= self.tracker.noise + _REACH_ROUNDING:
             return None
         return ReachViolation(self.name, promised.names[worst][1], float(excess[worst]))
 
@@ -152,7 +157,7 @@ class ObjectTrack:
             moved = self._moved(place)
             if np.isfinite(self.seen):
                 excess = self._way_to(moved) - self.speed * (time - self.seen)
-                violation = ReachViolation(self.name, "", excess) if excess > _ROUNDING else None
+                violation = ReachViolation(self.name, "", excess) if excess > _REACH_ROUNDING else None
             self.obstacle, self.seen = moved, time
         self.time = time
         return violation
@@ -209,7 +214,7 @@ class CloudTrack(ObjectTrack):
 
 def ball_cover(points: FloatArray, most: int) -> tuple[FloatArray, float]:
     """Return at most so many balls, centres (M, 3) and one radius [m], that hold points (N, 3): cells of a grid."""
-    edge, cells = _FINEST, np.floor(points / _FINEST).astype(np.int64)
+    edge, cells = _LEAST_GRID_EDGE, np.floor(points / _LEAST_GRID_EDGE).astype(np.int64)
     while True:
         low, extent = cells.min(axis=0), np.ptp(cells, axis=0) + 1
         flat = np.unique(np.ravel_multi_index(tuple((cells - low).T), tuple(extent)))

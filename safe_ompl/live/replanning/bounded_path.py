@@ -49,11 +49,11 @@ from safe_ompl.robot import Robot
 
 # The largest cells of paths that are driven, and of estimates.
 STEP = 0.02  # [rad]
-_COARSE = 0.1  # [rad]
+_ESTIMATE_CELL = 0.1  # [rad]
 # The reduced speed of ISO 10218.
 RETREAT_SPEED = 0.25  # [m/s]
 # Estimates take people to be no slower than this.
-_SLOWEST = 0.01  # [m/s]
+_LEAST_PERSON_SPEED = 0.01  # [m/s]
 # Cells in which people make the robot slower than this share of the full speed are barred.
 _BARRED = 0.02
 # Estimates look ahead no farther than this.
@@ -61,10 +61,10 @@ _AHEAD = 1.0  # [s]
 # So many cells at the ends of a path are estimated again in small cells if they are barred.
 _ENDS = 2
 # Errors of distances in estimates, and of margins that are called exact.
-_ROUGH = 5e-3  # [m]
+_ROUGH_PRECISION = 5e-3  # [m]
 _CLOSE = 1e-4  # [m]
 # Places that are nearer than this are one.
-_SAME = 1e-9  # [rad]
+_EQUAL_PLACES = 1e-9  # [rad]
 # Rounding changes a speed by no more than this share.
 _NEARLY = 1e-9
 # Caps of trajectories that the replanner derives itself at every tick.
@@ -75,7 +75,7 @@ _NOWHERE: FloatArray = np.zeros((0, 0))
 # Share of the jerk that q‴ṡ³ may take.
 BENDS = 0.3
 # Rounding does not touch averages over windows that are at least so long.
-_SHORTEST = 1e-4  # [s]
+_LEAST_CELL_TIME = 1e-4  # [s]
 
 
 def line(start: FloatArray, end: FloatArray) -> Motion:
@@ -87,10 +87,14 @@ def line(start: FloatArray, end: FloatArray) -> Motion:
 class MotionMargin(NamedTuple):
     """The smallest margin between a motion of the robot and what moves around it."""
 
-    margin: float  # Lower bound of distance − growth − required clearance [m]; +inf if nobody is there
-    link: str | None = None  # The link of the robot that is nearest
-    who: tuple[str, str] | None = None  # The person or object that is nearest, and its limb
-    rule: str = ""  # What that person or object must be kept to: one of `CONTACT_RULES`
+    # A lower bound of distance − growth − required clearance [m]. It is infinite if nobody is there.
+    margin: float
+    # The nearest link of the robot.
+    link: str | None = None
+    # The nearest person or object, and its limb.
+    who: tuple[str, str] | None = None
+    # The rule that applies to that person or object, one of `CONTACT_RULES`.
+    rule: str = ""
 
     @property
     def description(self) -> str:
@@ -110,17 +114,22 @@ class Around(NamedTuple):
     """Who and what moves around a robot when a motion begins, and what must be left to them."""
 
     sets: ReachSets  # Where they may be
-    since: float = 0.0  # How long ago the sets were measured [s], ≥ 0
-    clearance: float = 0.0  # Distance that must be left [m]
-    contact: ContactLimits | None = None  # At what speeds contact is borne, where it is allowed
+    # How long ago the sets were measured [s], at least 0.
+    since: float = 0.0
+    # The distance that must remain [m].
+    clearance: float = 0.0
+    # The speeds at which contact is allowed, if it is.
+    contact: ContactLimits | None = None
 
 
 @dataclass(frozen=True)
 class SpeedLimits:
     """Limits that every path of the replanner keeps, whatever its curve is."""
 
-    joints: RateLimits  # Velocities and accelerations of the joints, and jerks where they are limited
-    tool_speed: float | None = None  # Of the tip, and of every point of every link [m/s]
+    # Velocities and accelerations of the joints, and jerks if they are limited.
+    joints: RateLimits
+    # Limits for the tip, and for every point of every link [m/s].
+    tool_speed: float | None = None
     link_speed: float | None = None
 
     def __post_init__(self) -> None:
@@ -177,7 +186,7 @@ class RobotBodies:
             np.array(extents),
         )
         self._first_axis = robot.joint_frames(np.zeros((1, robot.n)))[2][0, 0]
-        self.speeds = BodySpeeds(robot)  # of all bodies and the tip
+        self.speeds = BodySpeeds(robot)  # bodies and tip
 
     def frames(self, Q: FloatArray, travel: FloatArray = _NOWHERE) -> CellFrames:
         """Return the frames of the joints at `Q: (B, n)`, and how far (B, G) the bodies get from there [m]."""
@@ -215,7 +224,7 @@ def averaging_window(limits: RateLimits) -> float:
         return 0.0
     of_plan = BRAKING * (1 - BENDS) * limits.jerk
     windows = np.minimum(np.sqrt(limits.velocity / of_plan), limits.acceleration / of_plan)
-    return max(float(windows.max()), _SHORTEST)
+    return max(float(windows.max()), _LEAST_CELL_TIME)
 
 
 class StopLaw(NamedTuple):
@@ -224,8 +233,10 @@ class StopLaw(NamedTuple):
     With a `window` [s] they are those of the plan, from so long before the motion on: times are negative there.
     """
 
-    cells: IntArray  # (W,), the cell of the path in which each piece lies
-    places: FloatArray  # (W + 1,), s, ṡ², and the time since the motion began [s], where pieces meet
+    # The cell of the path in which each piece lies (W,).
+    cells: IntArray
+    # The values of s, ṡ² and the time since the motion began [s] where pieces meet (W + 1, 3).
+    places: FloatArray
     squared_speeds: FloatArray
     times: FloatArray
     window: float = 0.0
@@ -297,13 +308,19 @@ class BoundedPath:
     """
 
     bodies: RobotBodies  # The robot's
-    curve: Motion  # The path, proven against all that stands still
-    limits: SpeedLimits  # The limits that it keeps
+    # The path, which is proven among still obstacles.
+    curve: Motion
+    # The limits that motions on the path keep.
+    limits: SpeedLimits
     cells: Cells  # The N cells
-    squared_limits: FloatArray  # (N,), bounds X of ṡ²
-    brakes: FloatArray  # (N,), bounds b of |s̈|: |q′|b + |q″|X is within the accelerations of the joints
-    frames: CellFrames  # Of the joints at the centres of the cells, and how far bodies get from there
-    smooth: SmoothLimits | None = None  # What plans keep to in these cells, where the jerk is limited
+    # Bounds X of ṡ² in the cells (N,).
+    squared_limits: FloatArray
+    # Bounds b of |s̈| in the cells (N,). |q′|b + |q″|X is within the accelerations of the joints.
+    brakes: FloatArray
+    # The joint frames at the centres of the cells, and how far bodies move from there.
+    frames: CellFrames
+    # What time laws keep in these cells if the jerk is limited.
+    smooth: SmoothLimits | None = None
     # What `_borne` knows of these cells, at whatever speeds; NaN in cells that it was not asked for
     contacts: dict[ContactLimits, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
 
@@ -367,7 +384,7 @@ class BoundedPath:
     @cached_property
     def coarse(self) -> BoundedPath:
         """The same path in large cells, for estimates."""
-        return BoundedPath.along(self.bodies, self.curve, self.limits, _COARSE)
+        return BoundedPath.along(self.bodies, self.curve, self.limits, _ESTIMATE_CELL)
 
     @cached_property
     def fine(self) -> BoundedPath:
@@ -396,9 +413,9 @@ class BoundedPath:
         share = min(share, share * (1 - BRAKING) / BRAKING)
         cells, places, squared_speeds, times = drive(*grid, here, now, share, tick)
         # In a corner the plan waits until the robot stands, and then for the next tick.
-        corner = np.abs(places[:, None] - self.edges[self.cells.stops]).min(axis=1, initial=np.inf) < _SAME
+        corner = np.abs(places[:, None] - self.edges[self.cells.stops]).min(axis=1, initial=np.inf) < _EQUAL_PLACES
         waits = corner & (squared_speeds == 0.0)
-        waits[0] &= past.places[0] < here - _SAME
+        waits[0] &= past.places[0] < here - _EQUAL_PLACES
         end = int(np.flatnonzero(waits)[0]) if waits.any() else len(cells)
         return StopLaw(
             np.append(self._cells_at(past.places), cells[:end]),
@@ -450,7 +467,8 @@ class BoundedPath:
         whom a body is `receding: (G, M)`, no faster than `RETREAT_SPEED`.
         """
         sets, since, clearance, contact = around
-        if contact is not None and not exact:  # to look whether it matters costs less than what it allows
+        # Whether contact matters costs less to find out than which speeds it allows.
+        if contact is not None and not exact:
             alone = self.margin(motion, around._replace(contact=None), receding=receding)
             if alone.margin >= 0:
                 return alone
@@ -458,7 +476,7 @@ class BoundedPath:
         enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
         most = _NO_CONTACT if contact is None else self._borne(contact, cells)[0]
         if receding is not None:
-            rows = np.unique(cells)  # the others are not read
+            rows = np.unique(cells)  # other rows are unused
             known = most
             most = np.empty((len(self.brakes), *receding.shape))
             most[rows] = np.where(receding, self._slow[rows][:, :, None], -1.0)
@@ -521,9 +539,9 @@ class BoundedPath:
             needed = reaction + full / self.brakes
             longest = float(needed.max())
             grown = sets.grown(longest) - sets.grown(0.0)
-            fastest = max(float(grown.max()) / longest, _SLOWEST)
+            fastest = max(float(grown.max()) / longest, _LEAST_PERSON_SPEED)
             far = fastest * (longest + _AHEAD)
-            arrays = self.frames, sets.arrays, clearance, far, _ROUGH
+            arrays = self.frames, sets.arrays, clearance, far, _ROUGH_PRECISION
             cells, no = np.arange(len(self.brakes)), np.zeros(len(self.brakes))
             margins = self.bodies.hulls.cell_gaps(cells, (no, _NO_CONTACT), *arrays)
             left = max(0.0, float((margins / fastest - needed).min()))
@@ -543,8 +561,8 @@ class BoundedPath:
     def from_to(self, first: float, last: float) -> BoundedPath:
         """Return the path between two arc lengths; it begins at the start of the piece that holds the first one."""
         begin = float(self.curve.times[self.curve.piece_at(np.array([first]))[0]])
-        a = int(np.searchsorted(self.edges, begin - _SAME))
-        b = max(int(np.searchsorted(self.edges, last - _SAME)), a + 1)
+        a = int(np.searchsorted(self.edges, begin - _EQUAL_PLACES))
+        b = max(int(np.searchsorted(self.edges, last - _EQUAL_PLACES)), a + 1)
         curve, edges = self.curve.part(begin, last), np.append(self.edges[a:b], last) - begin
         frames = CellFrames(*(part[a:b] for part in self.frames))
         return self._on(curve, edges, self.squared_limits[a:b], self.brakes[a:b], frames)

@@ -37,7 +37,7 @@ _Given = TypeVar("_Given", bound="Command")
 # Path accelerations that are tried by bisection, as shares of the braking: from full braking to full acceleration.
 _ACCELERATIONS: tuple[float, ...] = tuple((np.arange(-15, 16) / 16).tolist())
 # Places that are nearer than this are one.
-_SAME = 1e-6  # [rad]
+_EQUAL_STATES = 1e-6  # [rad]
 
 
 class Action(str, Enum):
@@ -58,16 +58,20 @@ class Command:
     A controller follows `at`. If no other command comes, it follows this one to its end, and stands.
     """
 
-    time: float  # From when on it holds [s]
-    measured: float  # When that was measured against which it is proven [s]
+    # The time from which on the command holds [s].
+    time: float
+    # The time of the measurement against which it is proven [s].
+    measured: float
     path: BoundedPath  # That it follows
     motion: StopLaw
     action: Action
     # The smallest margin along the motion; where that is the rest of an earlier stop, or the robot stands, of the
     # motion that could not be proven.
     left: MotionMargin
-    reason: str = ""  # Why the robot is not as fast as it could be
-    rule: str = ""  # Which rule keeps people from making it faster: ``separation``, ``contact`` or ``clamping``
+    # Why the robot is not as fast as it could be.
+    reason: str = ""
+    # The rule that keeps the robot slow beside people: ``separation``, ``contact`` or ``clamping``.
+    rule: str = ""
 
     @property
     def standstill(self) -> float:
@@ -128,7 +132,8 @@ class ReplanningOptions(Section):
     # that retreats may be touched by who runs after it, as one that stands.
     detours: bool = True
     retreats: bool = True
-    joints: tuple[str, ...] | None = None  # that these may move, such as all but those of a gripper; default: all
+    # The joints that the motion may move, such as all but those of a gripper. None means all.
+    joints: tuple[str, ...] | None = None
 
 
 class CommandProver:
@@ -175,14 +180,18 @@ class CommandProver:
         limits = options.limits
         if tube and limits is not None and (limits.tool_speed or limits.link_speed):
             raise InputError("bounds positions: speeds of tool and links cannot be proven within it", "tube")
-        self.clearance = people.clearance  # that must be left to people by a robot that may be anywhere in its tube [m]
+        # The distance that a robot anywhere in its tube must keep from people [m].
+        self.clearance = people.clearance
         # At what speeds contact is borne; None: it is not allowed.
         self.contact = contact_limits(robot, surroundings) if people.contact else None
         self.bodies = RobotBodies(robot, tube)
         self._last: Command | None = None  # the newest command
-        self._time = 0.0  # for which it was asked for
-        self._margin = MotionMargin(np.inf)  # of the motion that was tried last
-        self._past: StopLaw | None = None  # where the jerk is limited: of a motion that moves and is to go on
+        # The time for which a command was requested last.
+        self._time = 0.0
+        # The margin of the motion that was tried last.
+        self._margin = MotionMargin(np.inf)
+        # With a limited jerk, the time law of the motion that goes on.
+        self._past: StopLaw | None = None
         self._violated = False
 
     def __repr__(self) -> str:
@@ -220,7 +229,7 @@ class CommandProver:
 
     def _next(self, path: BoundedPath, s: float, speed: float, time: float) -> Command | None:
         """Return the fastest motion from (s, ṡ) that is proven with its stop; None if none is."""
-        if speed == 0 and s >= path.length - _SAME:
+        if speed == 0 and s >= path.length - _EQUAL_STATES:
             rest = path.motion_from(path.length, 0.0, -1.0, self.tick)
             return Command(time, self.surroundings.time, path, rest, Action.DONE, MotionMargin(np.inf))
         if not self.surroundings.known:
@@ -235,7 +244,8 @@ class CommandProver:
         """Return the fastest one of those with less than full acceleration; None if none is proven."""
         shares = [share for share in (-1.0, *_ACCELERATIONS) if speed > 0 or share > 0]
         found, blamed, first, last = None, self._margin, 0, len(shares)
-        while first < last:  # by bisection: a motion that is slower than a proven one most often is proven
+        # This is a bisection, because a motion that is slower than a proven one is proven in most cases.
+        while first < last:
             middle, self._margin = (first + last) // 2, blamed
             slower = self._proven(path, s, speed, shares[middle], time, blamed)
             found = slower or found

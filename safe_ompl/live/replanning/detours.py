@@ -20,31 +20,44 @@ from safe_ompl.motions import Motion, blended
 
 _log = logging.getLogger(__name__)
 
-_MILESTONES = 150  # that are drawn around each new trajectory
-_SPREAD = (0.3, 0.6, 1.2)  # [rad] how far from the curve samples are, in turn
+# This many milestones are drawn around each new trajectory.
+_MILESTONES = 150
+# The distances of samples from the curve, in turn.
+_SPREAD = (0.3, 0.6, 1.2)  # [rad]
 _NEIGHBOURS = 8  # of a milestone
-_STEP = 0.1  # [rad] cells of edges: estimates may be coarse
-_KEPT = 400  # edges whose cells are kept
-_STALE = 0.3  # [s] for which an estimate is kept at least, also of an edge that people slow down
-_AWAY, _SLOWEST = 0.05, 0.01  # or until people who are no slower [m/s] can be so far from where they were [m]
-_PROOF, _ESTIMATE, _SHORTCUT = 8, 1, 12  # units of work; a shortcut is a motion that replaces several edges
+# The length of the cells of edges. Estimates may be coarse.
+_CELL_LENGTH = 0.1  # [rad]
+# The cells of this many edges are kept.
+_MOST_KEPT_EDGES = 400
+# An estimate is kept at least this long, also for an edge that people slow down.
+_ESTIMATE_LIFETIME = 0.3  # [s]
+# An estimate is kept until people who are at least as fast as the second value [m/s] can have moved by the first [m].
+_PERSON_MOTION, _PERSON_SPEED = 0.05, 0.01
+# Units of work for a proof, an estimate and a shortcut, which replaces several edges by one motion.
+_PROOF, _ESTIMATE, _SHORTCUT = 8, 1, 12
 # A detour must take less than this share of the time, and be this much quicker [s].
 _GAIN, _WORTH = 0.75, 0.3
-_SLOW = 1.2  # a detour is searched if the rest takes so many times as long as with nobody near
+# A detour is searched if the rest takes this many times as long as with nobody near.
+_SLOWDOWN = 1.2
 # Detours are not wanted that take longer [s], and so many times as long as the rest alone.
-_LONGEST, _TIMES = 30.0, 10.0
+_MOST_DETOUR_TIME, _MOST_TIME_RATIO = 30.0, 10.0
 _SMALL = 1e-6  # [rad]
-_TOLERANCE = 0.3  # [rad] of blends: the way points of a roadmap need not be met
+# The tolerance of blends is large, because the way points of a roadmap need not be met.
+_BLEND_TOLERANCE = 0.3  # [rad]
 
 
 @dataclass
 class _Edge:
     """What is known of a straight motion between two milestones."""
 
-    free: bool | None = None  # of what stands still: proven once, for ever
-    full: float | None = None  # how long it takes with nobody near, at least [s]
-    time: float = 0.0  # what it costs beside people [s]; inf: it is barred
-    until: float = -np.inf  # when that ends to hold [s]: before that nobody can be near enough to slow it down
+    # Whether the edge is free of still obstacles, which is proven once.
+    free: bool | None = None
+    # The least time that the edge takes with nobody near [s].
+    full: float | None = None
+    # The time that the edge takes beside people [s], infinite if they block it.
+    time: float = 0.0
+    # The time until which the estimate holds [s]. Nobody can be near enough before to slow the robot down.
+    until: float = -np.inf
 
 
 class Detours:
@@ -68,13 +81,15 @@ class Detours:
         self._robot = prover.checker.robot
         self._rng, self.left = np.random.default_rng(0), 0
         self.milestones: FloatArray = np.empty((0, self._robot.n))
-        self._tips: FloatArray = np.empty((0, 3))  # where the milestones have the tip
+        # The positions of the tip at the milestones.
+        self._tips: FloatArray = np.empty((0, 3))
         self._near: list[list[int]] = []
         self._edges: defaultdict[tuple[int, int], _Edge] = defaultdict(_Edge)
-        self._passing: dict[str, int] = {}  # the milestones that are moved to starts and goals
+        # The milestones that are moved to starts and goals.
+        self._passing: dict[str, int] = {}
         # A path that nobody can slow down before a time [s].
         self._undisturbed: tuple[BoundedPath | None, float] = (None, 0.0)
-        self._paths = lru_cache(_KEPT)(self._straight)
+        self._paths = lru_cache(_MOST_KEPT_EDGES)(self._straight)
 
     # ------------------------------------------------------------------------------------------------- milestones
 
@@ -150,8 +165,8 @@ class Detours:
             if not self._spend(_ESTIMATE):
                 return None
             costs, left = self._between(start, end).pace(around, self._tick)
-            fastest = max(float((around.sets.grown(1.0) - around.sets.grown(0.0)).max(initial=0.0)), _SLOWEST)
-            edge.time, edge.until = float(costs.sum()), now + max(_STALE, _AWAY / fastest, left)
+            fastest = max(float((around.sets.grown(1.0) - around.sets.grown(0.0)).max(initial=0.0)), _PERSON_SPEED)
+            edge.time, edge.until = float(costs.sum()), now + max(_ESTIMATE_LIFETIME, _PERSON_MOTION / fastest, left)
         return edge.time if edge.free else np.inf
 
     def _between(self, start: FloatArray, end: FloatArray) -> BoundedPath:
@@ -160,7 +175,7 @@ class Detours:
 
     def _straight(self, start: bytes, end: bytes) -> BoundedPath:
         a, b = np.frombuffer(start), np.frombuffer(end)
-        return BoundedPath.along(self._bodies, line(a, a + self._robot.difference(a, b)), self.limits, _STEP)
+        return BoundedPath.along(self._bodies, line(a, a + self._robot.difference(a, b)), self.limits, _CELL_LENGTH)
 
     # ----------------------------------------------------------------------------------------------------- search
 
@@ -183,7 +198,8 @@ class Detours:
             times = [self._time(a, b, around, now) for a, b in pairwise(path)]
             if None in times:
                 return None
-            if self.left == before:  # nothing was learnt, so the best path is final
+            # No estimate has changed, so the best path is final.
+            if self.left == before:
                 cost = sum(self._cost(a, b, now) for a, b in pairwise(path))
                 return [self.milestones[k] for k in path], cost
 
@@ -261,12 +277,13 @@ class Detours:
         expected, left = coarse.pace(around, self._tick)
         self._undisturbed = path, now + left
         ahead = coarse.edges[1:] > rest
-        alone = np.diff(coarse.edges) / np.sqrt(coarse.squared_limits)  # how long cells take with nobody near, at least
+        # The least time that each cell takes with nobody near.
+        alone = np.diff(coarse.edges) / np.sqrt(coarse.squared_limits)
         stay, least = float(expected[ahead].sum()), float(alone[ahead].sum())
-        if stay < _SLOW * least + _WORTH:
+        if stay < _SLOWDOWN * least + _WORTH:
             return None
         start, goal = path.curve.places(np.array([rest, path.length])).q
-        within, found = min(_GAIN * stay, stay - _WORTH, max(_LONGEST, _TIMES * least)), None
+        within, found = min(_GAIN * stay, stay - _WORTH, max(_MOST_DETOUR_TIME, _MOST_TIME_RATIO * least)), None
         for end in (goal, *others):
             better = self.quickest(start, end, around, now, within)
             if better is not None:
@@ -274,7 +291,7 @@ class Detours:
         if found is None:
             return None
         points = self._shortened(found[0], around)
-        curve = blended(np.array(points), self._robot, _TOLERANCE, self._prover, self.limits.joints)
+        curve = blended(np.array(points), self._robot, _BLEND_TOLERANCE, self._prover, self.limits.joints)
         way = BoundedPath.along(self._bodies, curve, self.limits)
         costs = float(way.coarse.pace(around, self._tick)[0].sum())
         if costs > min(_GAIN * stay, stay - _WORTH):

@@ -13,8 +13,8 @@ from safe_ompl.live.replanning.bounded_path import BENDS, averaging_window
 from safe_ompl.motions import BRAKING, Cells, Motion, RateLimits, State, bending_cap
 from safe_ompl.robot import Robot
 
-# Share of the accelerations that stops at full speed may take at least, and by which velocities are approached.
-_SHARE = 0.5
+# Stops at full speed may use at least this share of the accelerations, and velocities are approached with this share.
+_ACCELERATION_SHARE = 0.5
 # Positions are a jump if a joint needs more than so many times its velocity limit from one to the next.
 _JUMP = 2.0
 # Positions that are taken of a spline are no farther apart; of positions that are denser than this some are left out.
@@ -25,7 +25,7 @@ _AFTER = 0.5  # [s]
 # With less than this left a proposal is over.
 _OVER = 1e-3  # [s]
 # A change of velocity takes at least so long.
-_SHORTEST = 1e-3  # [s]
+_LEAST_INTERVAL = 1e-3  # [s]
 # Damping of the inverse of the Jacobian.
 _DAMPING = 0.05  # [m/rad]
 # So many of the next positions are left out where the robot cannot go through them in its direction.
@@ -52,9 +52,9 @@ _CORNER = 1e-4  # [rad/s]
 # take.
 _BUMP: FloatArray = np.array([-5.5, 3.5, -1.0])
 _BUMP_SHARE = 0.15
-_RAMPS: FloatArray = np.geomspace(_SHORTEST, 10.0, 100)  # [s]
+_RAMPS: FloatArray = np.geomspace(_LEAST_INTERVAL, 10.0, 100)  # [s]
 # Knots that are nearer than this are one.
-_SAME = 1e-9  # [s]
+_EQUAL_TIMES = 1e-9  # [s]
 
 
 class Beginning(NamedTuple):
@@ -87,7 +87,7 @@ def _sums_before(steps: FloatArray) -> FloatArray:
 
 def least_brake(limits: RateLimits) -> float:
     """Return the braking along a curve [1/s²] that is kept free at full speed: a share of what stops any joint."""
-    least = float(_SHARE * (limits.acceleration / limits.velocity).min())
+    least = float(_ACCELERATION_SHARE * (limits.acceleration / limits.velocity).min())
     if limits.jerk is None:
         return least
     # Of what plans may brake with (`SmoothLimits`), where joints are as fast as they may be.
@@ -199,7 +199,7 @@ class Positions:
         first = int(np.searchsorted(self.times, begin, side="right"))
         spacing = float(np.diff(self.times)[max(first - 1, 0)])
         if first + 1 < len(self.times) and self.times[first] - begin < 0.5 * spacing:
-            first += 1  # the next position is very near
+            first += 1  # very near positions
         last = int(np.searchsorted(self.times, begin + window + _AFTER)) + 1
         times = self.times[first:last] - begin
         given, robot = self.positions[first:last], self.robot
@@ -242,7 +242,8 @@ def _accelerations(state: State, rate: float, limits: RateLimits) -> list[float]
         return [0.0] if np.abs(state.qdd).max() < _AT_REST else []
     if rate == 1.0:
         return [0.0]
-    most = 2 * rate / averaging_window(limits)  # that its plan moves forward
+    # The largest speed of the time law before averaging.
+    most = 2 * rate / averaging_window(limits)
     along = float(state.qdd @ state.qd / (state.qd @ state.qd)) * rate
     return [float(np.clip(along, -most, most)), 0.0]
 
@@ -254,14 +255,14 @@ def _bent(spline: Motion, d2: FloatArray, rate: float, jerk: FloatArray) -> Moti
     """
     change = d2 - spline.places(np.zeros(1)).d2q_ds2[0]
     length = rate**3 * np.abs(_BUMP).max() * float((np.abs(change) / jerk).max()) / _BUMP_SHARE
-    length = float(np.clip(length, _SHORTEST, 0.5 * spline.length))
+    length = float(np.clip(length, _LEAST_INTERVAL, 0.5 * spline.length))
     still, spans = np.zeros_like(change), np.append(np.full(3, length / 3), spline.length - length)
     third = np.append(_BUMP, 0.0)[:, None] / length * change
     second = change + _sums_before(spans[:, None] * third)
     second[-1] = 0.0
     difference = _through(still, still, second, third, spans)
     at = np.union1d(spline.times[:-1], difference.times[:-1])
-    at = at[np.diff(at, append=spline.length) > _SAME]
+    at = at[np.diff(at, append=spline.length) > _EQUAL_TIMES]
     parts = zip(spline.places(at), difference.places(at), strict=True)
     return cubics(np.append(at, spline.length), np.stack([one + other for one, other in parts], axis=1))
 
@@ -269,7 +270,7 @@ def _bent(spline: Motion, d2: FloatArray, rate: float, jerk: FloatArray) -> Moti
 def _can_begin(curve: Motion, rate: float, limits: RateLimits) -> bool:
     """Return whether `proposed_cap` allows a ṡ where a curve begins."""
     begin, most = curve.places(np.zeros(1)), limits.acceleration
-    room = np.maximum(most - least_brake(limits) * np.abs(begin.dq_ds[0]), _SHARE * most)
+    room = np.maximum(most - least_brake(limits) * np.abs(begin.dq_ds[0]), _ACCELERATION_SHARE * most)
     return bool((np.abs(begin.d2q_ds2[0]) * rate * rate <= room).all())
 
 
@@ -305,10 +306,10 @@ class Velocity:
         target = target * (_FASTEST / max(fastest, _FASTEST))
         limits, still = self.limits, np.zeros_like(target)
         if limits.jerk is None:
-            most = _SHARE * limits.acceleration
+            most = _ACCELERATION_SHARE * limits.acceleration
             up = float((np.abs(target - state.qd) / most).max())
-            down = max(float((np.abs(target) / most).max()), _SHORTEST)
-            up = max(up, _SHORTEST) if up > 0 else 0.0
+            down = max(float((np.abs(target) / most).max()), _LEAST_INTERVAL)
+            up = max(up, _LEAST_INTERVAL) if up > 0 else 0.0
             spans = np.array([up, self.held - up, down])
             changes = np.stack([target - state.qd, still, -target])
             kept = spans > 0
@@ -342,7 +343,7 @@ def _ramp(velocity: FloatArray, acceleration: FloatArray, target: FloatArray, li
     first = (change - 1.5 * half * acceleration) / half**2
     last = -acceleration / half - first
     slow = np.maximum(np.abs(first), np.abs(last)) <= _BUMP_SHARE * limits.jerk
-    slow &= np.abs(acceleration + half * first) <= _SHARE * limits.acceleration
+    slow &= np.abs(acceleration + half * first) <= _ACCELERATION_SHARE * limits.acceleration
     k = int(slow.all(axis=1).argmax())
     second = np.stack([acceleration, acceleration + _RAMPS[k] * first[k]])
     return _Ramp(second, np.stack([first[k], last[k]]), np.full(2, _RAMPS[k]))

@@ -39,17 +39,24 @@ from safe_ompl.scene import Scene
 
 # Path accelerations that are tried in retreats, as shares of the braking.
 _ACCELERATIONS = (1.0, 0.2, 0.0, -1.0)
-_CRAWL = 0.3  # [rad/s] a robot that is slower tries whether a retreat gets
-_FARTHER = 2.0  # so many times as far
-_SAME = 1e-6  # [rad] places nearer than this are one
+# A robot that is slower than this tries a retreat.
+_CRAWL = 0.3  # [rad/s]
+# A retreat begins only if it moves the robot this many times as far as going on would.
+_RETREAT_ADVANTAGE = 2.0
+# Configurations nearer than this are equal.
+_EQUAL_CONFIGURATIONS = 1e-6  # [rad]
 # Who may be at the robot so soon [s] is retreated from; if that fails only from the nearest.
 _SOON = (0.2, 0.12)
-_LENGTHS = (0.6, 0.3, 0.15)  # [rad] of retreats that are tried
+# The lengths of the retreats that are tried.
+_LENGTHS = (0.6, 0.3, 0.15)  # [rad]
 _NUDGE = 1e-4  # [rad]
-_STILL = 3  # so many of the first joints may stay still: links near the base cannot get away
-_ROUNDS = 40  # of the search for a direction
-_FAR = 0.35  # [m] who is farther away need not be looked at
-_LEAST = 0.02  # [m/rad] distances must grow by this at least
+# The first joints, up to this many, may stay still, because links near the base cannot move away.
+_MOST_STILL_JOINTS = 3
+_DIRECTION_ITERATIONS = 40  # iterations
+# Limbs that are farther away than this are not considered.
+_FAR_AWAY = 0.35  # [m]
+# A retreat must increase the distances by at least this.
+_LEAST_DISTANCE_GAIN = 0.02  # [m/rad]
 
 
 class Replanner(CommandProver):
@@ -66,11 +73,15 @@ class Replanner(CommandProver):
     trajectory's limits have a jerk all that is driven keeps to it, stops and detours, too.
     """
 
-    detours: Detours | None = None  # None before the first trajectory, and if they are not searched
+    # None before the first trajectory, and if detours are not searched.
+    detours: Detours | None = None
     _path: BoundedPath | None = None
-    _others: tuple[FloatArray, ...] = ()  # goals that would do as well
-    _detour: tuple[BoundedPath, float] | None = None  # and where on the path it begins
-    _retreat: BoundedPath | None = None  # from where the robot stands
+    # Other goals that may be reached instead.
+    _others: tuple[FloatArray, ...] = ()
+    # The detour, and where on the present path it begins.
+    _detour: tuple[BoundedPath, float] | None = None
+    # The retreat, which begins where the robot stands.
+    _retreat: BoundedPath | None = None
     _retreats: Retreats | None = None
 
     def start(self, trajectory: Trajectory, others: Sequence[FloatArray] = ()) -> None:
@@ -91,7 +102,7 @@ class Replanner(CommandProver):
             if last.action not in (Action.DONE, Action.STANDING):
                 raise InputError("the robot still moves: start when it stands or is done")
             away = self.robot.difference(last.at(np.inf).q, path.curve.places(np.zeros(1)).q[0])
-            if np.abs(away).max() > _SAME:
+            if np.abs(away).max() > _EQUAL_CONFIGURATIONS:
                 raise InputError(f"the trajectory begins {np.abs(away).max():.3g} rad from where the robot stands")
         blocked = first_unproven(trajectory.curve, self.prover)
         if blocked is not None:
@@ -180,7 +191,7 @@ class Replanner(CommandProver):
         if last is None or last.action is not Action.RETREATING:
             if max(speed * self.tick, gets) > _CRAWL * self.tick:
                 return found
-            gets *= _FARTHER
+            gets *= _RETREAT_ADVANTAGE
         away = self._recede(path, s, speed, time)
         if away is not None:
             return away if away.motion.at(self.tick)[0] - s > gets else found
@@ -196,7 +207,7 @@ class Replanner(CommandProver):
         receding = Receding(path, s, around.sets)
         for share in _ACCELERATIONS:
             motion = path.motion_from(s, speed * speed, share, self.tick, self._past)
-            if motion.places[-1] - s < _SAME:
+            if motion.places[-1] - s < _EQUAL_CONFIGURATIONS:
                 continue
             margin = path.margin(motion, around, receding=receding.along(motion))
             if margin.margin >= 0:
@@ -234,9 +245,9 @@ class Receding:
 def _ahead(bodies: RobotBodies, frames: CellFrames, sets: ReachSets) -> tuple[FloatArray, FloatArray]:
     """Return directions (G, S, 3) from sets to bodies, and how far (G, S) apart they are along these [m], at least.
 
-    The sets are those of the measurement, the frames the first ones. Distances above `_FAR` are infinite.
+    The sets are those of the measurement, the frames the first ones. Distances above `_FAR_AWAY` are infinite.
     """
-    axes, apart = bodies.hulls.separating_axes(frames, sets.arrays, _FAR)
+    axes, apart = bodies.hulls.separating_axes(frames, sets.arrays, _FAR_AWAY)
     return axes, apart - bodies.hulls.pads[:, None] - sets.radii - sets.grown(0.0)
 
 
@@ -270,11 +281,11 @@ class Retreats:
         near = [(g, pairs[pairs[:, 0] == g, 1]) for g in np.unique(pairs[:, 0]).tolist()]
         least = [(bodies.vertices(g, frames) @ axes[g, limbs].T).min(axis=1) for g, limbs in near]
         rates = np.concatenate([np.zeros((0, n)), *((each[1:] - each[0]).T / _NUDGE for each in least)])
-        for grown, still in product(after, range(min(n, _STILL + 1))):
+        for grown, still in product(after, range(min(n, _MOST_STILL_JOINTS + 1))):
             some = rates[apart[tuple(pairs.T)] < grown[pairs[:, 1]]] * (self._movable & (np.arange(n) >= still))
             some = some[some.any(axis=1)]
             way = _away_from_all(some)
-            if not len(some) or (some @ way).min() < _LEAST:
+            if not len(some) or (some @ way).min() < _LEAST_DISTANCE_GAIN:
                 continue
             for length in _LENGTHS:
                 end = q + length * way
@@ -288,7 +299,7 @@ def _away_from_all(rates: FloatArray) -> FloatArray:
     units = rates / np.maximum(np.linalg.norm(rates, axis=1), 1e-9)[:, None]
     way = units.sum(axis=0)
     best, most = way, -np.inf
-    for _ in range(_ROUNDS if len(rates) else 0):
+    for _ in range(_DIRECTION_ITERATIONS if len(rates) else 0):
         unit = way / max(float(np.linalg.norm(way)), 1e-9)
         worst = int((rates @ unit).argmin())
         if rates[worst] @ unit > most:
@@ -308,7 +319,8 @@ class Segment:
     replanner: Replanner
     trajectory: Trajectory | None
     robot: Robot  # with what it holds
-    scene: Scene  # the obstacles, and which links may touch them
+    # The obstacles, and which links may touch them.
+    scene: Scene
     step: int = 0  # of the program
     pause: float = 0.0
 

@@ -38,21 +38,27 @@ from safe_ompl.motions import Motion, RateLimits, State
 
 _log = logging.getLogger(__name__)
 
-_CELL = 0.02  # [s] largest cell of a curve
-_FASTER = 0.1  # by which ṡ may grow in a tick where people make the robot slow
-_CUTS = 4  # halvings of a piece that is not proven
-_SAME = 1e-6  # [s]
+# The largest cell of a curve.
+_CELL = 0.02  # [s]
+# ṡ may grow by this much in a tick in which people make the robot slow.
+_FASTER = 0.1
+# A piece that is not proven is halved at most this often.
+_CUTS = 4
+_EQUAL_POSITIONS = 1e-6  # [s]
 _JOINED = 1e-6  # [rad or m]
-_OVER = 0.2  # [s] that going over to the beginning of a motion takes at least
-_NOTHING = "nothing was proposed"
+# The transition to the beginning of a motion takes at least this long.
+_OVER = 0.2  # [s]
+_NO_PROPOSAL = "nothing was proposed"
 
 
 @dataclass(frozen=True)
 class ShieldCommand(Command):
     """A `Command`, and what the shield changed of the proposal; `reason` says why."""
 
-    follows: bool = True  # The newest proposal. If not it is the rest of an earlier stop, or the robot stands
-    delay: float = 0.0  # How far it will be behind the timing of the newest proposal when the tick is over [s]
+    # Whether the robot follows the newest proposal. Otherwise it follows an earlier stop, or stands.
+    follows: bool = True
+    # How late the robot will be at the end of the tick, against the timing of the newest proposal [s].
+    delay: float = 0.0
 
 
 class Shield(CommandProver):
@@ -67,8 +73,9 @@ class Shield(CommandProver):
 
     _rest: BoundedPath | None = None
     _proposal: Positions | Velocity | None = None
-    _refused = _NOTHING
-    _way: _Way | None = None  # that the last command follows
+    _refused = _NO_PROPOSAL
+    # What the last command follows.
+    _way: _Way | None = None
     # When the newest proposal began [s], unknown until its first command, and where in it the robot joins.
     _clock = _begin = np.nan
 
@@ -105,7 +112,7 @@ class Shield(CommandProver):
         self.prover.check_curve(still.coefficients[0])
         rest.margin(rest.motion_from(0.0, 0.0, -1.0, self.tick), Around(ReachSets.none()))
         self._last, self._way = None, None
-        self._proposal, self._refused = None, _NOTHING
+        self._proposal, self._refused = None, _NO_PROPOSAL
 
     def propose(self, motion: Any, rate: float | None = None, start: float | None = None) -> bool:
         """Propose a chunk of positions, or a spline; return whether it can be used.
@@ -134,7 +141,7 @@ class Shield(CommandProver):
         """
         return self._take(lambda: Positions.of(motion, rate, start, self.robot, self.limits.joints))
 
-    def follow(self, motion: Motion, since: float = 0.0, within: float = _SAME) -> float:
+    def follow(self, motion: Motion, since: float = 0.0, within: float = _EQUAL_POSITIONS) -> float:
         """Drive a whole motion on its own curve, from a time `since` of it [s] on; return where on it that begins [s].
 
         Call it after `start`. All of it is proven among what stands still here, and not in the ticks. Where people are
@@ -165,7 +172,8 @@ class Shield(CommandProver):
                 at = begin + np.interp(verdict.at or 0.0, [0.0, 1.0], curve.times[k : k + 2])
                 raise InputError(_blocked(verdict, f"at {at:.2f} s"))
         path = self._path(curve)
-        _ = path.ceiling  # here, and not within the first tick
+        # The ceiling is computed here so that the first tick does not have to.
+        _ = path.ceiling
         self._proposal, self._refused, self._clock = proposal, "", np.nan
         self._way = _Way(proposal, path, begin, whole=True, blocked="")
         return begin
@@ -207,7 +215,8 @@ class Shield(CommandProver):
             found = self._kept(path, s, speed, time)
             found = replace(found, reason=why) if why else found
         delay = 0.0
-        if not follows and isinstance(self._proposal, Velocity):  # whoever gives velocities gives a new one
+        # A source of velocities sends a new one with every tick.
+        if not follows and isinstance(self._proposal, Velocity):
             self._proposal, self._refused = None, "no new velocity was proposed"
         if self._proposal is not None:
             delay = max(0.0, min(time + self.tick - self._clock, self._proposal.duration) - progress)
@@ -238,7 +247,7 @@ class Shield(CommandProver):
             self._proposal, self._refused = make(), ""
         except SafeOmplError as error:
             self._refused = str(error)
-            if before in ("", _NOTHING):  # not at every tick
+            if before in ("", _NO_PROPOSAL):  # not at every tick
                 _log.warning("the proposal is refused: %s", error)
         return self._proposal is not None
 
@@ -281,7 +290,7 @@ class Shield(CommandProver):
     ) -> tuple[_Way | None, str]:
         """Return the way along a curve as far as that is proven; none if the robot cannot join it, and perhaps why."""
         length = curve.length if isinstance(proposal, Velocity) else min(curve.length, self._window)
-        whole = begin + length >= proposal.duration - _SAME or isinstance(proposal, Velocity)
+        whole = begin + length >= proposal.duration - _EQUAL_POSITIONS or isinstance(proposal, Velocity)
         curve = curve.part(0.0, length) if length < curve.length else curve
         end, blocked = length, ""
         for k in np.flatnonzero(~self.prover.proven_by_bounds(curve.coefficients)).tolist():
@@ -317,9 +326,12 @@ class _Way(NamedTuple):
 
     proposal: Positions | Velocity
     path: BoundedPath
-    begin: float  # where in the proposal it begins [s]
-    whole: bool  # whether it reaches the end of the proposal
-    blocked: str  # what stands still in its way, if anything
+    # The time in the proposal at which it begins [s].
+    begin: float
+    # Whether it reaches the end of the proposal.
+    whole: bool
+    # The still obstacle that blocks the proposal, if there is one.
+    blocked: str
 
 
 def _explained(command: Command, way: _Way, s: float, tick: float) -> Command:
@@ -328,10 +340,10 @@ def _explained(command: Command, way: _Way, s: float, tick: float) -> Command:
         return command
     if command.action is Action.DONE:
         return replace(command, action=Action.STANDING, reason=way.blocked) if way.blocked else command
-    if way.blocked and command.motion.places[-1] >= way.path.length - _SAME:
+    if way.blocked and command.motion.places[-1] >= way.path.length - _EQUAL_POSITIONS:
         return replace(command, action=Action.SLOWED, reason=way.blocked)
     in_time = min(s + tick, way.path.length) if way.whole else s + tick
-    if command.motion.at(tick)[0] < in_time - _SAME:
+    if command.motion.at(tick)[0] < in_time - _EQUAL_POSITIONS:
         why = "limits of the joints, or the stop at the end of the proposal"
         return replace(command, action=Action.SLOWED, reason=why)
     return command

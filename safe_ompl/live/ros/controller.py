@@ -43,12 +43,17 @@ from safe_ompl.robot import Robot
 
 _log = logging.getLogger(__name__)
 
-_HISTORY = 100  # commands that are kept, to compare measured joints with
-_JOINTS_LATE = 0.3  # [s] without joint states for so long, the robot is stopped
-_RESTING = 0.01  # [rad/s] joints that are slower stand still
-_LAGS = 5  # times within a lag at which a robot is compared with what it was told
+# This many commands are kept for the comparison with measured joints.
+_HISTORY = 100
+# Without joint states for this long, the robot is stopped.
+_JOINTS_LATE = 0.3  # [s]
+# Joints that are slower than this stand still.
+_RESTING = 0.01  # [rad/s]
+# The measured robot is compared with its commands at this many times within a lag.
+_LAGS = 5
 _ARRIVED = "at the goal"
-_SAME = 1e-6  # [rad or m] a goal that is nearer is reached
+# A goal that is nearer than this is reached.
+_GOAL_REACHED = 1e-6  # [rad or m]
 
 
 @dataclass(frozen=True)
@@ -57,13 +62,17 @@ class Cell:
 
     robot: Robot
     trackers: Mapping[str, Tracker]  # People
-    objects: Mapping[str, float]  # Obstacles that move, and bounds of their speeds [m/s]
+    # The obstacles that move, and bounds of their speeds [m/s].
+    objects: Mapping[str, float]
     # Of start (n,) and goal, and the cloud: a replanner that has started; a SafeOmplError says why there is no way.
     # Shields and programs have no goal: they begin at the start.
     plan: Callable[[FloatArray, Any, Obstacle | None], Replanner | Shield | SegmentSequence]
-    shielded: bool = False  # Whether proposals are followed, and not goals
-    program: bool = False  # Whether a program is driven
-    moving: Mapping[str, Any] = field(default_factory=dict)  # Who and what moves, as the header of ticks has it
+    # Whether proposals are followed instead of goals.
+    shielded: bool = False
+    # Whether the scenario has a program.
+    program: bool = False
+    # The persons and objects that move, as in the header of ticks.
+    moving: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -71,12 +80,14 @@ class ControlOptions(Section):
     """When a robot is told what, and when it is stopped; raises InputError if a value is out of its range."""
 
     replanning: ReplanningOptions = field(default_factory=ReplanningOptions)
-    latency: float = 0.05  # From a tick until its command holds, at most a tick [s]
+    # The time from a tick until its command holds, at most one tick [s].
+    latency: float = 0.05
     # By which clocks of sensors may differ from the robot's [s]
     clock_error: float = key(number, default=0.01, at_least=0.0)
     # How far a joint may be from where it should be [rad or m]; where proofs have a tube, that counts instead
     tolerance: float = key(number, default=0.05, above=0.0)
-    cloud_radius: float = key(number, default=0.02, above=0.0)  # Of the ball about each point of a cloud [m]
+    # The radius of the ball about each point of a cloud [m].
+    cloud_radius: float = key(number, default=0.02, above=0.0)
 
     def check(self) -> None:
         number("latency", self.latency, at_least=0.0, at_most=self.replanning.tick)
@@ -99,7 +110,8 @@ class LiveController:
         self._executor = ThreadPoolExecutor(1) if executor is None else executor
         self._now = -np.inf
         self._planning: Future[Replanner | Shield | SegmentSequence] | None = None
-        self.goal: Any = None  # a configuration (n,), or what else `Cell.plan` takes
+        # A configuration (n,), or what else `Cell.plan` accepts.
+        self.goal: Any = None
         self._wanted = cell.shielded  # whatever the goal
         self._why, self.blocked = "nothing was proposed yet" if cell.shielded else "no goal yet", ""
         if cell.program:
@@ -110,14 +122,17 @@ class LiveController:
         """Forget all that was measured and commanded."""
         lost_after, error = self.options.replanning.lost_after, self.options.clock_error
         self._sightings = Sightings((*self.cell.trackers, *self.cell.objects), lost_after, error)
-        self.joints: Joints | None = None  # as they were measured last
+        # The joints as they were measured last.
+        self.joints: Joints | None = None
         self._cloud: CloudView | None = None
         self._proven_cloud: CloudView | None = None
         self._strangers: tuple[float, str] = (-np.inf, "")
         self._pilot: Replanner | Shield | None = None
-        self.segments: SegmentSequence | None = None  # of the program that is driven, or was
+        # The segments of the present or the last program.
+        self.segments: SegmentSequence | None = None
         self.driving = False
-        self._start: FloatArray = np.zeros(self.cell.robot.n)  # of the path that is planned
+        # The start of the path that is planned.
+        self._start: FloatArray = np.zeros(self.cell.robot.n)
         self.command: Command | None = None
         self.commanded_by: Replanner | Shield | None = None
         self._commands: deque[Command] = deque(maxlen=_HISTORY)
@@ -211,7 +226,8 @@ class LiveController:
         before, self._now = self._now, self._clock()
         if self._now < before:
             self._forget()
-            self._planning, self._wanted = None, self.cell.shielded  # who holds what in a program is not known any more
+            # In a program it is no longer known which objects are held.
+            self._planning, self._wanted = None, self.cell.shielded
             self._why = f"the clock went back by {before - self._now:.3f} s"
             return self._record()
         self._take_plan()
@@ -288,7 +304,8 @@ class LiveController:
         command = self._pilot.command(self._now + self.options.latency)
         if command is not self.command:
             late, new = self._clock() - command.time, command.time >= self._now
-            if new and late > 0:  # the one before holds, and is what the next plan begins after
+            # The command before still holds, and the next plan begins after it.
+            if new and late > 0:
                 self._halt(f"the answer came {1e3 * late:.0f} ms too late")
                 return
             self._commands.append(command)
@@ -310,7 +327,8 @@ class LiveController:
         people = {name: points for name, points in seen.items() if name in self.cell.trackers}
         try:
             pilot.update(people, {name: seen[name] for name in seen if name not in people}, time)
-        except InputError as error:  # of a person nothing is known but a hand: not seen yet
+        # Only a hand of the person is known, so the person is not seen yet.
+        except InputError as error:
             _log.warning("%s", error)
 
     # ---------------------------------------------------------------------------------------------------- planning
@@ -326,7 +344,8 @@ class LiveController:
         if not stood or np.abs(self.joints.qd).max() > _RESTING:
             return
         start = self.joints.q
-        if self.command is not None:  # what it was told is without the errors of its control
+        # The commanded state has no errors of control.
+        if self.command is not None:
             rest = self.command.at(np.inf).q
             away = self._apart(rest, start)
             if self.segments is not None:
@@ -334,7 +353,7 @@ class LiveController:
                 return
             start = start if self._astray(away, "") else rest
         goal = start if self.goal is None else self.goal
-        if not self._wanted and isinstance(goal, np.ndarray) and self._apart(start, goal).max() < _SAME:
+        if not self._wanted and isinstance(goal, np.ndarray) and self._apart(start, goal).max() < _GOAL_REACHED:
             self.goal, self._why = None, _ARRIVED
             return
         self._start, self._proven_cloud = start, self._cloud
@@ -364,7 +383,8 @@ class LiveController:
             self.goal, self._wanted, self._why = None, self.cell.shielded, f"{what}: {error}"
             return
         if self.joints is None or self._astray(self._apart(self._start, self.joints.q), ""):
-            return  # the robot was moved meanwhile: plan anew
+            # The robot was moved in the meantime, so a new plan is needed.
+            return
         self.segments = found if isinstance(found, SegmentSequence) else None
         self._pilot = found.current.replanner if isinstance(found, SegmentSequence) else found
         self._sightings.restart()

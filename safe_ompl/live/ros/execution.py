@@ -22,11 +22,15 @@ from safe_ompl.live.ros.messages import rows_of, seconds
 from safe_ompl.motions import Motion
 from safe_ompl.robot import Robot
 
-ACTION = "guard"  # the name of the action, under that of the controller
-_AGAIN = 0.5  # [s] between two attempts to go on where something new stands in the way
-_SETTLES = 1.0  # [s] that joints have to reach the end after the command
-_SAME = 1e-6  # [rad or m]
-_BEGINS = 10.0  # [s] within which it must begin
+# The name of the action below the controller's name.
+ACTION = "guard"
+# The time between two attempts to continue when something new blocks the path.
+_AGAIN = 0.5  # [s]
+# The time that joints have to reach the end after the last command.
+_SETTLES = 1.0  # [s]
+_EQUAL_POSITIONS = 1e-6  # [rad or m]
+# The execution must begin within this time.
+_BEGINS = 10.0  # [s]
 
 
 class Code(IntEnum):
@@ -76,19 +80,28 @@ class Execution:
     """A trajectory to drive: K points at times (K,) [s], what it must keep to, and how far it is."""
 
     times: list[float]
-    rows: tuple[Any, ...]  # positions, velocities and accelerations, lists of (n,); the last two may be None
-    path: Tolerance  # of measured joints from the command
-    end: Tolerance  # of measured joints from the last point
-    begin: float = -np.inf  # When it is to begin [s]
-    allowed: float = np.inf  # How much longer than the trajectory it may take [s]
-    report: Callable[[Outcome], Any] = print  # is told how it ended
-    taken: float = 0.0  # When it was taken, and when the robot began to drive it [s]
+    # Positions, velocities and accelerations, as lists of (n,). The last two may be None.
+    rows: tuple[Any, ...]
+    path: Tolerance  # measured from commanded joints
+    # The tolerance of the measured joints at the last point.
+    end: Tolerance
+    # The time at which it is to begin [s].
+    begin: float = -np.inf
+    # How much longer than the trajectory it may take [s].
+    allowed: float = np.inf
+    # The function that gets the outcome.
+    report: Callable[[Outcome], Any] = print
+    # When the goal was accepted, and when the robot began to move [s].
+    taken: float = 0.0
     began: float = np.inf
-    motion: Motion | None = None  # From where the robot stood
-    done: float = 0.0  # Up to where on it the robot was told to go [s]
+    # The motion from where the robot stood.
+    motion: Motion | None = None
+    # The time on the motion up to which commands were sent [s].
+    done: float = 0.0
     # Who gives the commands, and where on the motion the path of these begins [s]; None: it was not proven yet.
     drive: tuple[Shield, float] | None = None
-    objection: str = ""  # Why it could not be driven when that was tried last
+    # Why the last attempt to execute it failed.
+    objection: str = ""
 
     @classmethod
     def of(cls, goal: Any, robot: Robot, tolerance: float) -> Execution:
@@ -127,7 +140,7 @@ class Execution:
     @property
     def arrived(self) -> bool:
         """Whether the robot was told to go to its end."""
-        return self.done >= self.duration - _SAME
+        return self.done >= self.duration - _EQUAL_POSITIONS
 
     def drive_with(self, shield: Shield, start: FloatArray, tolerance: float) -> None:
         """Let a shield drive what is left, from where the robot stands; raise SafeOmplError if that is not proven."""
@@ -179,7 +192,8 @@ class TrajectoryGuard:
     def __init__(self, controller: LiveController, clock: Callable[[], float]) -> None:
         self.controller, self._clock = controller, clock
         self.execution: Execution | None = None
-        self._ending: Outcome | None = None  # of the execution, once the robot stands
+        # The outcome that is reported once the robot stands.
+        self._ending: Outcome | None = None
         self._tried = -np.inf
 
     def take(self, execution: Execution) -> None:

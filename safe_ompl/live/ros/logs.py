@@ -99,7 +99,8 @@ def reading(file: str | Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})", str(file)) from None
-    except Exception as error:  # struct.error, KeyError, zstd's errors, …, of what is broken
+    # A broken file raises struct.error, KeyError, zstd's errors and others.
+    except Exception as error:
         what = " ".join(str(error).split()) or type(error).__name__
         advice = "; `mcap recover` may save a part" if Path(file).suffix.lower() == ".mcap" else ""
         raise InputError(f"is broken, cut off, or no recording ({what}){advice}", str(file)) from None
@@ -120,7 +121,7 @@ def read_log(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 # ------------------------------------------------------------------------------------------------------- recordings
 
 
-Rows = list[tuple[int, dict[str, float]]]  # times [ns], and values by name
+Rows = list[tuple[int, dict[str, float]]]  # [ns], values by name
 
 
 class Bag:
@@ -158,7 +159,8 @@ def _opened(path: Path) -> Iterator[tuple[dict[str, str], Callable[[str], Iterat
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
             yield {each.topic: each.msgtype for each in bag.connections}, partial(_bag_messages, bag)
         return
-    with path.open("rb") as stream:  # rosbags reads no logs that have other messages, too
+    # rosbags does not read logs that contain other messages as well.
+    with path.open("rb") as stream:
         reader, types, topics = make_reader(stream, validate_crcs=True), get_typestore(Stores.EMPTY), {}
         summary = reader.get_summary()
         for channel in () if summary is None else summary.channels.values():
@@ -245,7 +247,8 @@ def _motion(rows: Rows, names: tuple[str, ...], begin: int) -> Motion:
         if missing:
             at = (time - begin) / messages.SECOND
             raise InputError(f"{', '.join(missing)} missing at {at:.3f} s", "joints")
-    last = dict(own)  # of samples of one time the last one counts
+    # Of samples with equal times, the last one counts.
+    last = dict(own)
     if len(last) < 2:
         raise InputError(f"must have samples of {', '.join(names)} at two times at least, got {len(last)}")
     times = (np.array(list(last)) - begin) / messages.SECOND

@@ -31,11 +31,13 @@ OK, WARN, ERROR = range(3)  # levels of diagnostic_msgs/DiagnosticStatus
 WORLD = "world"
 _SPHERE, _TRIANGLES = 2, 11  # types of markers
 _DELETE, _DELETE_ALL = 2, 3  # actions of markers
-_KEYPOINT = 0.05  # [m] diameter of the marker of a key point
-_STILL, _DANGEROUS = (0.8, 0.68, 0.53), (0.85, 0.45, 0.3)
+# The diameter of the marker of a key point.
+_KEYPOINT = 0.05  # [m]
+_OBSTACLE_COLORS, _DANGEROUS = (0.8, 0.68, 0.53), (0.85, 0.45, 0.3)
 _SEEN = (0.83, 0.43, 0.29)
-_AROUND = 24  # corners of round shapes
-_NAME, _SEQUENCES = 2, (3, 4)  # kinds of fields in rosbags
+_SEGMENTS = 24  # corners of round shapes
+# Kinds of fields in rosbags.
+_NAME, _SEQUENCES = 2, (3, 4)
 _NUMBERS = {"float32", "float64", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"}
 
 Message = dict[str, Any]
@@ -182,8 +184,8 @@ def obstacle_markers(time: int, obstacles: Iterable[Obstacle]) -> Message:
     """Return obstacles from a time [ns] on."""
     found = {}
     for obstacle in obstacles:
-        look = obstacle.color or (_DANGEROUS if obstacle.weight > 0 else _STILL)
-        vertices, faces = obstacle.shape.triangles(_AROUND)
+        look = obstacle.color or (_DANGEROUS if obstacle.weight > 0 else _OBSTACLE_COLORS)
+        vertices, faces = obstacle.shape.triangles(_SEGMENTS)
         found[obstacle.name] = [
             {
                 "type": _TRIANGLES,
@@ -277,7 +279,8 @@ def people_of_markers(message: Any, skeleton: Skeleton, frames: FramePlaces) -> 
         if not stamps:
             raise InputError("has no markers, and so no time", "markers")
         return max(stamps), {}
-    time = min(stamp_of(marker.header) for marker in shown)  # who was seen later could go farther since then
+    # The earliest stamp counts, because the person could move farther since then.
+    time = min(stamp_of(marker.header) for marker in shown)
     index = {name: k for k, name in enumerate(skeleton.points)}
     for marker in shown:
         points = people.setdefault(marker.ns, np.full((len(index), 3), np.nan))

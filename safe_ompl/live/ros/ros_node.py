@@ -30,11 +30,16 @@ from safe_ompl.scene import Scene
 
 NODE = "safe_ompl"
 CLOUD, POSE = "sensor_msgs/msg/PointCloud2", "geometry_msgs/msg/PoseStamped"
-_AGAIN = 5.0  # [s] after which the same complaint is made again
-_CHECK = 1.0  # [s] between two looks for other nodes that command the same robot
-_LOOK = 0.1  # [s] between two looks whether the node is to end
-_UNITS = 60  # of work to search detours between two ticks, at most
-_SHARE = 0.3  # of the time between two ticks that this may take
+# The same complaint is repeated after this time.
+_AGAIN = 5.0  # [s]
+# The interval of the search for other nodes that command the same robot.
+_CHECK = 1.0  # [s]
+# The interval of the check whether the node is to end.
+_LOOK = 0.1  # [s]
+# The most units of work for the search of detours between two ticks.
+_UNITS = 60
+# The share of the time between two ticks that this search may take.
+_DETOUR_TIME_SHARE = 0.3
 
 
 @contextmanager
@@ -84,7 +89,8 @@ def lookup_of(node: Any) -> Callable[[str, str, Any], pin.SE3 | None] | None:
     listener = tf2.TransformListener(buffer, node)
 
     def lookup(target: str, frame: str, header: Any) -> pin.SE3 | None:
-        assert listener is not None  # it fills the buffer as long as somebody has it
+        # The listener fills the buffer as long as it is referenced.
+        assert listener is not None
         time = import_module("rclpy.time").Time(seconds=header.stamp.sec, nanoseconds=header.stamp.nanosec)
         if not buffer.can_transform(target, frame, time):
             return None
@@ -129,7 +135,8 @@ class RosNode:
         self._still = self._publisher(messages.MARKERS, "scene", latched=True)
         self._subscribe_to_all()
         clock = import_module("rclpy.clock")
-        steady = clock.Clock(clock_type=clock.ClockType.STEADY_TIME)  # ticks go on if the time of ROS stands still
+        # Ticks continue if ROS time stands still.
+        steady = clock.Clock(clock_type=clock.ClockType.STEADY_TIME)
         node.create_timer(controller.options.replanning.tick, self._tick, clock=steady)
         node.create_timer(_CHECK, self._look_for_others, clock=steady)
         self._show(scene)
@@ -164,10 +171,12 @@ class RosNode:
         def received(data: bytes) -> None:
             try:
                 take(messages.decoded(kind, data))
-            except Exception as error:  # whatever it is: a node never dies of a message
+            # A node must survive every message.
+            except Exception as error:
                 self._complain(f"{topic}: {' '.join(str(error).split()) or type(error).__name__}")
 
-        quality = _quality(reliable=reliable)  # of sensors the newest message alone counts
+        # Of sensor messages only the newest one counts.
+        quality = _quality(reliable=reliable)
         self._node.create_subscription(message_class(kind), topic, received, quality, raw=True)
 
     def _complain(self, what: str) -> None:
@@ -200,7 +209,8 @@ class RosNode:
         self._subscribe(messages.MARKERS, "people", people)
         for name in cell.objects:
             self._subscribe(POSE, f"obstacles/{name}", partial(thing, name))
-        if cell.program:  # a cloud would have points of what it carries
+        # A cloud would contain points of the carried object.
+        if cell.program:
             self._subscribe(messages.BOOL, "run", lambda message: controller.run(message.data), reliable=True)
             return
         radius = controller.options.cloud_radius
@@ -232,7 +242,7 @@ class RosNode:
             self._log.write(tick)
         begin = perf_counter()
         self._controller.think(int(self._units))
-        allowed = _SHARE * self._controller.options.replanning.tick
+        allowed = _DETOUR_TIME_SHARE * self._controller.options.replanning.tick
         faster = min(2.0, allowed / max(perf_counter() - begin, 1e-4))
         self._units = float(np.clip(self._units * faster, 1.0, _UNITS))
 
@@ -270,7 +280,8 @@ class TrajectoryServer:
 
     def __init__(self, node: Any, guard: TrajectoryGuard, name: str) -> None:
         self._node, self._guard, self._kind = node, guard, trajectory_action()
-        self._handle: Any = None  # of the goal that is driven
+        # The handle of the action's goal that is executed.
+        self._handle: Any = None
         action = import_module("rclpy.action")
         self._future = import_module("rclpy.task").Future
         self.server = action.ActionServer(

@@ -14,9 +14,12 @@ from safe_ompl.live import Surroundings
 from safe_ompl.robot import Robot
 
 _CLOUD = "cloud"
-_NEAR_PEOPLE = 0.15  # [m] points that are nearer to a tracked limb are the person's
-_NEW = 3.0  # radii: points that are farther from all points of the cloud before are new
-_FEW = 10  # new points that are taken for noise
+# Points that are nearer than this to a tracked limb belong to the person.
+_NEAR_PEOPLE = 0.15  # [m]
+# Points that are farther than this many radii from all points of the earlier cloud are new.
+_NEW_POINT_RADII = 3.0
+# Up to this many new points count as noise.
+_MOST_NOISE_POINTS = 10
 
 
 class Sightings:
@@ -68,7 +71,8 @@ class CloudView(NamedTuple):
     """Points of the newest cloud that are neither the robot's nor a tracked person's, in the world."""
 
     points: FloatArray  # (M, 3) [m]
-    radius: float  # Of the ball about each point [m]
+    # The radius of the ball about each point [m].
+    radius: float
 
     @classmethod
     def seen(
@@ -91,13 +95,13 @@ class CloudView(NamedTuple):
 
     def news(self, before: CloudView | None) -> int:
         """Return how many points are far from all points of the cloud before; 0 if they are as few as noise."""
-        edge = _NEW * self.radius
+        edge = _NEW_POINT_RADII * self.radius
         old = np.zeros((0, 3)) if before is None else before.points
         known = {tuple(cell) for cell in np.floor(old / edge).astype(int).tolist()}
         cells = np.floor(self.points / edge).astype(int)
         steps = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
         new = sum(not any((x + i, y + j, z + k) in known for i, j, k in steps) for x, y, z in cells.tolist())
-        return new if new > _FEW else 0
+        return new if new > _MOST_NOISE_POINTS else 0
 
 
 def _from_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:

@@ -18,16 +18,20 @@ from safe_ompl.scene import People
 # Of a sensor that sees all key points of the body.
 ALL_KEYPOINTS = Skeleton("standing", tuple(STANDING), {name: (name,) for name in STANDING})
 STEP = 0.02  # [s] between two places
-_KEPT = 1000  # steps
-_NEAR, _FAR = 0.55, 1.6  # [m] from the centre
-_SECTOR = 1.0  # [rad] to either side of the first place
+_MOST_KEPT_STEPS = 1000  # steps
+_NEAREST_PLACE, _FARTHEST_PLACE = 0.55, 1.6  # [m] from the centre
+# The sector to either side of the first place.
+_SECTOR = 1.0  # [rad]
 _ARMS_LOW, _ARMS_HIGH = np.array([0.0, -0.3, 0.0]), np.array([1.7, 0.9, 1.4])  # [rad] raised, outwards, bent
 _HANGING: FloatArray = np.array([[0.05, 0.0, 0.1]] * 2)
-_TURN, _SWING = 2.0, 3.0  # [rad/s] of the body and of the arms, at most
+# The largest angular velocities of the body and of the arms.
+_BODY_TURN, _SWING = 2.0, 3.0  # [rad/s]
 _ARRIVED = 0.05  # [m]
-_LONGEST = 3.0  # [s] for one place; then another one is drawn
-_SMALLER = 0.7  # what is tried next where a step is too long
-_TRIES = 30
+# After this time at one place a new one is drawn.
+_MOST_TIME_AT_PLACE = 3.0  # [s]
+# A step that is too long is multiplied by this factor.
+_STEP_FACTOR = 0.7
+_MOST_PLACE_TRIES = 30
 
 
 class PersonMover(Protocol):
@@ -172,10 +176,10 @@ class Walker:
         self._bounds = np.where((body.weights > 0).any(axis=1), speeds[:, None], np.inf).min(axis=0)
         away = np.asarray(start, dtype=float) - centre[:2]
         self._home = float(np.arctan2(away[1], away[0]))
-        first = np.array([np.clip(np.linalg.norm(away), _NEAR, _FAR), self._home])
+        first = np.array([np.clip(np.linalg.norm(away), _NEAREST_PLACE, _FARTHEST_PLACE), self._home])
         self._stance = np.concatenate([first, [self._home + np.pi], _HANGING.ravel()])
         self._goal, self._pace, self._left = self._stance, 1.0, 0
-        self._steps = deque([self._keypoints(self._stance)], _KEPT)  # the newest ones
+        self._steps = deque([self._keypoints(self._stance)], _MOST_KEPT_STEPS)  # the newest ones
         self._count = 1
 
     def at(self, time: float) -> FloatArray:
@@ -203,23 +207,23 @@ class Walker:
         self._left -= 1
         wanted = self._wanted()
         share = 1.0
-        for _ in range(_TRIES):
+        for _ in range(_MOST_PLACE_TRIES):
             stance = self._stance + share * (wanted - self._stance)
             points = self._keypoints(stance)
             if (np.linalg.norm(points - before, axis=1) <= self._bounds * STEP).all():
                 self._stance = stance
                 return points
-            share *= _SMALLER
+            share *= _STEP_FACTOR
         return before.copy()
 
     def _choose(self) -> None:
         """Draw the next stance, and how fast the person goes there."""
-        far = self._rng.uniform(_NEAR, _FAR)
+        far = self._rng.uniform(_NEAREST_PLACE, _FARTHEST_PLACE)
         angle = self._home + self._rng.uniform(-_SECTOR, _SECTOR)
         arms = self._rng.uniform(_ARMS_LOW, _ARMS_HIGH, (2, 3))
         yaw = angle + np.pi + self._rng.uniform(-0.8, 0.8)
         self._goal = np.concatenate([[far, angle, yaw], arms.ravel()])
-        self._pace, self._left = self._rng.uniform(0.3, 1.0), round(_LONGEST / STEP)
+        self._pace, self._left = self._rng.uniform(0.3, 1.0), round(_MOST_TIME_AT_PLACE / STEP)
 
     def _way(self) -> FloatArray:
         """Return the rest of the way (2,), outwards and about the centre [m]."""
@@ -229,7 +233,7 @@ class Walker:
         """Return the stance a step later if no limb had a bound of its speed."""
         way, far = self._goal - self._stance, float(np.linalg.norm(self._way()))
         walked = min(1.0, self._pace * self._people.speed * STEP / max(far, 1e-9))
-        most = np.repeat([_TURN * STEP, self._pace * _SWING * STEP], [1, 6])
+        most = np.repeat([_BODY_TURN * STEP, self._pace * _SWING * STEP], [1, 6])
         return np.asarray(self._stance + np.append(walked * way[:2], np.clip(way[2:], -most, most)))
 
 

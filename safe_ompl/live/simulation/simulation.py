@@ -19,9 +19,12 @@ from safe_ompl.live.simulation.movers import Drifting, PersonMover, Solid, World
 from safe_ompl.motions import Trajectory
 from safe_ompl.robot import Robot
 
-_FINE = 0.005  # [s] between two observations of the contact monitor
-_STILL = 1e-9  # [rad/s] slower than this is at rest
-_ROUNDING = 1e-6  # [m] by which a limb may be outside of its reach set
+# The time between two observations of the contact monitor.
+_MONITOR_INTERVAL = 0.005  # [s]
+# A robot that is slower than this is at rest.
+_REST_SPEED = 1e-9  # [rad/s]
+# A limb may be outside of its reach set by this.
+_REACH_TOLERANCE = 1e-6  # [m]
 
 
 class Touch(NamedTuple):
@@ -30,9 +33,11 @@ class Touch(NamedTuple):
     link: str
     who: str
     limb: str
-    speed: float  # Of the link where they touch [m/s]
+    # The speed of the link at the point of contact [m/s].
+    speed: float
     point: FloatArray  # (3,) [m]
-    normal: FloatArray  # (3,), from the link to the limb
+    # The direction from the link to the limb (3,).
+    normal: FloatArray
 
 
 class NearestLimb(NamedTuple):
@@ -49,14 +54,18 @@ class Contact:
     """A contact between the robot and a person or object."""
 
     time: float  # When it began [s]
-    link: str  # The link of the robot, and the limb of the person or object
+    # The link of the robot, and the limb of the person or object.
+    link: str
     who: str
     limb: str
-    moving: bool  # Whether the robot moved then, or later while it lasted
+    # Whether the robot moved at the beginning or later during the contact.
+    moving: bool
     # Whether everybody had kept to the reach model since the measurement that the motion was proven against
     obeyed: bool
-    retreating: bool = False  # Whether the robot retreated while it lasted
-    speed: float = 0.0  # The largest speed of the robot where it touched anyone while this lasted [m/s]
+    # Whether the robot retreated during the contact.
+    retreating: bool = False
+    # The largest speed of the robot at the point of contact [m/s].
+    speed: float = 0.0
 
 
 class ContactMonitor:
@@ -71,7 +80,8 @@ class ContactMonitor:
         self._moving = [k for k, part in enumerate(self._bodies.geometryObjects) if part.parentJoint != 0]
         self._links = robot.shared.body_links
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
-        self.touching: dict[tuple[str, str], Contact] = {}  # by whom it touches now, and the limb
+        # The present contacts, by link and by person or object.
+        self.touching: dict[tuple[str, str], Contact] = {}
         self.contacts: list[Contact] = []
 
     def nearest(self, q: FloatArray, solids: list[Solid]) -> NearestLimb:
@@ -80,7 +90,8 @@ class ContactMonitor:
         pin.updateGeometryPlacements(self._model, self._kinematics, self._bodies, self._data, full)
         found = NearestLimb(np.inf)
         for k, solid, geometries in self._pairs(solids):
-            self._result.clear()  # or it keeps the smallest of all that it ever saw
+            # Without clearing, the result keeps the smallest distance of all calls.
+            self._result.clear()
             distance = coal.distance(*geometries, self._request, self._result)
             if distance < found.distance:
                 found = NearestLimb(float(distance), self._links[k], solid.who, solid.limb)
@@ -148,10 +159,12 @@ class Faults(Section):
 
     # Errors of measured key points and places of objects: uniform in a ball of this radius [m]
     noise: float = key(number, default=0.0, at_least=0.0)
-    drops: float = key(fraction, default=0.0)  # Share of the measurements in which nobody is seen
+    # The share of the measurements in which nobody is seen.
+    drops: float = key(fraction, default=0.0)
     # Share of the ticks in which the replanner answers too late: the robot follows its last command to its stop
     late: float = key(fraction, default=0.0)
-    seed: int = 0  # Seed of the generator that draws them
+    # The seed of the generator that draws the faults.
+    seed: int = 0
     # From a measurement until the command that answers it holds [s], at most a tick: the time that the replanner has
     latency: float = key(number, default=0.02, at_least=0.0)
 
@@ -163,7 +176,8 @@ class SimulationSummary:
     seconds: float = 0.0
     # Contacts while the robot moved and everybody kept to the reach model: 0 if the proofs hold and none is allowed
     contacts_while_moving: int = 0
-    contact_speed: float = 0.0  # The robot's own speed at the touching point in these, at most [m/s]
+    # The largest speed of the robot at the point of contact [m/s].
+    contact_speed: float = 0.0
     # Contacts while it moved, after somebody had not kept to the model; and while it stood
     contacts_after_violations: int = 0
     contacts_at_rest: int = 0
@@ -172,14 +186,18 @@ class SimulationSummary:
     # Share of the time in which everybody had kept to the model since the measurement that the motion was
     # proven against
     model_obeyed: float = 1.0
-    tasks: int = 0  # How often the goal was reached, the robot stopped on its way, and a detour was taken
+    # How often the goal was reached, the robot stopped on its way, and a detour was taken.
+    tasks: int = 0
     stops: int = 0
     detours: int = 0
-    moving: float = 0.0  # Share of the time in which it moved
+    # The share of the time in which the robot moved.
+    moving: float = 0.0
     # From a measurement to a proven command on the clock of this machine: median and 99 %
     reaction: tuple[float, float] = (0.0, 0.0)
-    deadlines_missed: int = 0  # Ticks without a new command: the robot followed its last one to the stop
-    violations: int = 0  # Measurements that showed somebody farther away than promised
+    # Ticks without a new command, in which the robot followed its last command to the stop.
+    deadlines_missed: int = 0
+    # Measurements that showed a limb farther away than assumed.
+    violations: int = 0
     # Smallest distance while the robot moved and everybody kept to the model [m]
     least_distance: float = np.inf
 
@@ -282,7 +300,8 @@ class Simulation:
                     line["ahead"] = curve.knots.tolist()
                 yield line
             over = seconds
-        finally:  # also where Ctrl-C or the caller ends it before its time
+        # This also happens if Ctrl-C or the caller ends the simulation early.
+        finally:
             if over:
                 self._conclude(over, shares)
 
@@ -355,19 +374,19 @@ class Simulation:
     def _observe(self, now: float, old: Command | None, new: Command) -> tuple[FloatArray, NearestLimb]:
         """Return shares (2,) of a tick, in which all obeyed and the robot moved, and what was nearest at first."""
         robot = self.replanner.robot
-        times = now + np.arange(0.0, self.replanner.tick - 1e-9, _FINE)
+        times = now + np.arange(0.0, self.replanner.tick - 1e-9, _MONITOR_INTERVAL)
         shares: FloatArray = np.zeros(2)
         here, first_q, first = NearestLimb(np.inf), np.zeros(0), [np.zeros((0, 3))]
         for i, time in enumerate(times.tolist()):
             command = self._in_force(time, now, old, new)
             state = command.at(max(time, command.time))
-            moving = bool(np.abs(state.qd).max() > _STILL)
+            moving = bool(np.abs(state.qd).max() > _REST_SPEED)
             keypoints = self.world.keypoints(time)
             ends = self.world.ends(keypoints, time)
             sets = self._promised.get(command.measured)
             # Whether everybody is where the reach model has them after the measurement.
             since = time - command.measured
-            good = sets is None or bool((sets.excess(ends, since) <= _ROUNDING).all())
+            good = sets is None or bool((sets.excess(ends, since) <= _REACH_TOLERANCE).all())
             shares += (good, moving)
             if i:
                 way = float(np.abs(state.q - first_q) @ robot.bounds.displacement_radii.max(axis=0))
