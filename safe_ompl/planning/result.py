@@ -50,6 +50,9 @@ class PlanResult:
         Work done while planning and simplifying, validation and report not included.
     improvements : tuple of Improvement
         Of an optimisation: each path that was better than those before.
+    ways : tuple of float
+        What each way that `ways="all"` told apart costs by the setup's objective, the way of `path` first; by default
+        the objective is the integral of danger [field · rad].
     interrupted : bool
         Whether Ctrl-C ended simplification or optimisation: the path is the best so far.
     planned_path : ndarray, shape (M, n), or None
@@ -71,6 +74,7 @@ class PlanResult:
     simplification_time: float = 0.0
     counts: Counts = field(default_factory=Counts)
     improvements: tuple[Improvement, ...] = ()
+    ways: tuple[float, ...] = ()
     interrupted: bool = False
     setup_time: float = 0.0
     validation_time: float = 0.0
@@ -129,7 +133,7 @@ class PlanResult:
         return f"PlanResult({self.status!r}, {points}, {self.planner!r}, seed={self.seed})"
 
     def __str__(self) -> str:
-        """Say in five lines what came of it: outcome, times, length and danger, clearance, proof."""
+        """Say in five lines what came of it: outcome, times, length and danger, clearance, proof; a sixth for ways."""
         seconds = f"planned in {self.planning_time:.3f} s"
         if self.simplification_time:
             seconds += f", simplified in {self.simplification_time:.3f} s"
@@ -138,6 +142,11 @@ class PlanResult:
             lines += ["no path", "clearance: none", "proof: none"]
         else:
             lines.append(f"{len(self.path)} way points, {self.report}")
+        if self.ways:
+            number, best, *others = len(self.ways), *self.ways
+            found = f"{number} ways found" if others else "1 way found"
+            next_best = f", next best {others[0]:.2f}" if others else ""
+            lines.append(f"{found}: cost {best:.2f}{next_best}, by the objective")
         return "\n".join(lines)
 
     _repr_html_ = notebook_html
@@ -163,6 +172,8 @@ class PlanResult:
             told["planned_path"] = self.planned_path.tolist()
         if self.improvements:
             told["improvements"] = [dict(vars(improvement)) for improvement in self.improvements]
+        if self.ways:
+            told["ways"] = list(self.ways)
         if self.interrupted:
             told["interrupted"] = True
         return told

@@ -21,6 +21,7 @@ import safe_ompl.planning.simplification as simplification
 from safe_ompl.common import Counts, FloatArray, PlanningError, number
 from safe_ompl.planning.planners import SafePlanner, nodes_of
 from safe_ompl.planning.result import Improvement, PlanResult
+from safe_ompl.planning.ways import WaySearch
 
 if TYPE_CHECKING:
     from safe_ompl.planning.safe_setup import SafeSetup
@@ -148,6 +149,29 @@ def optimise(search: Search, simplifier: Simplifier, seconds: float, stop: Stop 
     return found
 
 
+class _Starts:
+    """Starts of one run: `search` plans again and again, and `status` and `nodes` say what came of all of them."""
+
+    def __init__(self, setup: SafeSetup, planner: Any, seed: int) -> None:
+        self._setup, self._planner, self._seed = setup, planner, seed
+        self.status, self.nodes, self._solved = "Timeout", 0, False
+
+    def search(self, start: int, left: float) -> FloatArray | None:
+        """Plan for the time [s] that is left; the number of the start is added to the seed."""
+        setup = self._setup
+        if start:
+            setup.clear()
+            if isinstance(self._planner, SafePlanner):
+                self._planner.setSeed((self._seed + start) % 2**32)
+        found = setup.solve(max(left, _LEAST_TIME))
+        self.nodes += nodes_of(self._planner)
+        if not setup.haveExactSolutionPath():
+            self.status = self.status if self._solved else found.asString()
+            return None
+        self.status, self._solved = found.asString(), True
+        return np.asarray(setup.solution())
+
+
 class PlanningRun:
     """One run of a planner that `SafeSetup.prepare` has made ready; `name` is what the result calls it."""
 
@@ -175,24 +199,8 @@ class PlanningRun:
     def optimised(self, time: float, stop: Stop) -> PlanResult:
         """Plan again and again until the time is up, and keep the best path; see `optimise`."""
         setup, begin = self._setup, perf_counter()
-        before, simplifier = replace(setup.counts), setup.simplifier
-        nodes, status, solved = 0, "Timeout", False
-
-        def search(start: int, left: float) -> FloatArray | None:
-            nonlocal nodes, status, solved
-            if start:
-                setup.clear()
-                if isinstance(self._planner, SafePlanner):
-                    self._planner.setSeed((self._seed + start) % 2**32)
-            found = setup.solve(max(left, _LEAST_TIME))
-            nodes += nodes_of(self._planner)
-            if not setup.haveExactSolutionPath():
-                status = status if solved else found.asString()
-                return None
-            status, solved = found.asString(), True
-            return np.asarray(setup.solution())
-
-        found = optimise(search, simplifier, time - (perf_counter() - begin), stop)
+        before, simplifier, starts = replace(setup.counts), setup.simplifier, _Starts(setup, self._planner, self._seed)
+        found = optimise(starts.search, simplifier, time - (perf_counter() - begin), stop)
         path, improvements = found.settled(simplifier)
         if path is not None and setup.getConstraints().user is not None:
             path = next((best for best in (path, *reversed(found.paths)) if setup.is_free(best)), None)
@@ -200,8 +208,34 @@ class PlanningRun:
             setup.set_solution(path)
         elapsed = perf_counter() - begin
         first = elapsed if found.first_path is None else found.first_path
-        said = {"status": status, "path": path, "improvements": improvements}
-        return self._result(before, nodes, first, elapsed - first, said)
+        said = {"status": starts.status, "path": path, "improvements": improvements}
+        return self._result(before, starts.nodes, first, elapsed - first, said)
+
+    def every_way(self, time: float, simplifier: Simplifier, seconds: float, interrupted: Stop) -> PlanResult:
+        """Look for ways that differ, and return the one that costs least; see `WaySearch`.
+
+        The time [s] is for all of it; no path is simplified for longer than some seconds.
+        """
+        setup, begin = self._setup, perf_counter()
+        ways = WaySearch(setup, simplifier, seconds, simplification.timed(time, interrupted))
+        before, starts, first = replace(setup.counts), _Starts(setup, self._planner, self._seed), list[float]()
+
+        def search(start: int) -> FloatArray | None:
+            path = starts.search(start, time - (perf_counter() - begin))
+            if path is not None:
+                first.append(perf_counter() - begin)
+            return path
+
+        with suppress(KeyboardInterrupt):  # the best path so far stands
+            ways.run(search)
+        said: dict[str, Any] = {"status": starts.status, "path": None}
+        if found := ways.ways():
+            best, costs = found[0][0], tuple(cost for _, cost in found)
+            setup.set_solution(best.path)
+            said |= {"path": best.path, "planned_path": best.planned, "ways": costs}
+        elapsed = perf_counter() - begin
+        planned = first[0] if first else elapsed
+        return self._result(before, starts.nodes, planned, elapsed - planned, said)
 
     def _result(
         self, before: Counts, nodes: int, planning_time: float, simplification_time: float, found: dict[str, Any]

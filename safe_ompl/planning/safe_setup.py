@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from time import perf_counter
-from typing import Any
+from typing import Any, Literal
 from weakref import ref
 
 import numpy as np
@@ -48,6 +48,7 @@ from safe_ompl.planning.planners import SafePlanner, SafeRRTConnect, check_plann
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.run import PlanningRun, best_start, noted_ctrl_c, stopping, told, validated
 from safe_ompl.planning.start_and_goals import StartAndGoals
+from safe_ompl.planning.ways import all_ways
 from safe_ompl.robot import GoalRegion, Robot, ScratchState, joint_space, place_of
 from safe_ompl.scene import Scene
 
@@ -403,6 +404,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         optimise: float | None = None,
         starts: int = 1,
         workers: int = 1,
+        ways: Literal[1, "all"] = 1,
     ) -> PlanResult:
         """Plan from the start to a goal, and validate the path.
 
@@ -427,12 +429,18 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         workers : int
             How many processes share the starts, which then take ⌈starts/workers⌉ time limits at most. The result does
             not depend on it, as long as no start runs into its limit.
+        ways : 1 or "all"
+            "all": look for ways that pass people and obstacles on other sides, or in other postures, and return the
+            safest one, in two to four times the time of `simplify=True`: several starts, with seeds that count up from
+            `seed`, are joined into better paths and compared after simplification, by this setup's objective.
+            `simplify` is then implied; if it is a number of seconds, this is the limit for each path. What the ways
+            that were found cost is in `PlanResult.ways`. A planner that ignores its seed finds one way.
 
         Raises
         ------
         InputError
             Time not positive, unknown planner or parameter, a planner of another setup; to optimise without danger;
-            less than 1 start or worker.
+            less than 1 start or worker; `ways` that are neither 1 nor "all", or go with `optimise` or several `starts`.
         PlanningError
             If a planner returns a path that the validator refuses, or that is not from a start to the goal.
         KeyboardInterrupt
@@ -442,14 +450,20 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         begin = perf_counter()
         time = number("time limit", time if optimise is None else optimise, above=0.0, kind="number of seconds")
         simplification = simplification_time(simplify)
-        starts, seed = whole_number("starts", starts, at_least=1), checked_seed(seed)
+        starts, seed, every = whole_number("starts", starts, at_least=1), checked_seed(seed), all_ways(ways)
+        if every and (optimise is not None or starts > 1):
+            other = "starts" if starts > 1 else "optimise"
+            raise InputError(f'ways="all" starts as often as it needs: leave out {other}')
         # Whether there is a best path to keep at Ctrl-C.
-        keeps = starts > 1 or simplification is not None or optimise is not None
+        keeps = starts > 1 or every or simplification is not None or optimise is not None
 
         def once(seed: int) -> PlanResult:
             run = PlanningRun(self, *self.prepare(planner, seed, parameters), seed)
             if optimise is not None or (simplification is not None and self.field is not None):
                 self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
+            if every:
+                seconds = simplification or np.inf
+                return run.every_way(time, self._any_simplifier, seconds, lambda: bool(interrupts))
             if optimise is not None:
                 return run.optimised(time, told(run.name, time, lambda: bool(interrupts)))
             return run.planned(time, simplification)
@@ -584,8 +598,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         if not self.haveSolutionPath():
             raise InputError("there is no solution to simplify")
         begin, path = perf_counter(), self.solution()
-        simplifier = self._lengths_only if self.field is None else self.simplifier
-        self.set_solution(simplifier.simplify(path, stopping(time), proven=True))
+        self.set_solution(self._any_simplifier.simplify(path, stopping(time), proven=True))
         if self.getConstraints().user is not None and not self.is_free(self.solution()):
             # Samples of a motion are not those of its parts: a check of the user's own may refuse these after all.
             _log.info("the simplified path is refused; the solution stays as it was")
@@ -596,8 +609,10 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         self._simplification_time = perf_counter() - begin
 
     @property
-    def _lengths_only(self) -> simplification.Simplifier:
-        """What makes paths shorter where nothing is dangerous."""
+    def _any_simplifier(self) -> simplification.Simplifier:
+        """The `simplifier`; for a setup that plans without danger what makes paths shorter."""
+        if self.field is not None:
+            return self.simplifier
         return simplification.Simplifier(self.checker, DangerField(self.robot, np.empty((0, 3))), self.motion_prover)
 
     def getLastSimplificationTime(self) -> float:

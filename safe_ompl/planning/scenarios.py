@@ -30,8 +30,8 @@ def plan(
     """Plan a scenario: the problem itself, or the name or file of one; all else as in `SafeSetup.plan`.
 
     The time limit [s] is by default the scenario's own, `parameters` override those of the scenario, and `options` are
-    `simplify`, `optimise`, `starts` and `workers`. Errors as `SafeSetup.plan`; an InputError, too, if the scenario
-    cannot be used.
+    `simplify`, `optimise`, `starts`, `workers` and `ways`. Errors as `SafeSetup.plan`; an InputError, too, if the
+    scenario cannot be used.
     """
     begin = perf_counter()
     if not isinstance(scenario, scenes.Scenario):

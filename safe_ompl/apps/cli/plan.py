@@ -41,6 +41,8 @@ def add_commands(commands: Any) -> None:
     words = "the best of K plans, whose seeds count up; each has the time limit"
     option(parser, "--starts K", words, arguments.count)
     arguments.add_workers(parser, "starts")
+    words = "all: the safest of several ways past people and obstacles, simplified; says what the next best costs"
+    option(parser, "--ways WAYS", words, _ways)
     words = "write the result as JSON, for `safe-ompl view`; -: print it, and no table"
     option(parser, "--json FILE", words, output.JSON_FILE)
     option(parser, "--plot FILE", "draw the path, its danger and its clearance (.png, …)", output.PICTURE)
@@ -67,6 +69,12 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     return partial(_plan, scenario, setup, options, perf_counter() - begin, limits)
 
 
+def _ways(text: str) -> int | str:
+    if text not in ("1", "all"):
+        raise argparse.ArgumentTypeError(f"must be 1 or all, not {text!r}")
+    return 1 if text == "1" else text
+
+
 def _plan(
     scenario: Scenario,
     setup: SafeSetup,
@@ -77,7 +85,7 @@ def _plan(
     """Plan, and show and write the result as the options say; the time [s] is what it took to get ready."""
     chosen = arguments.run_options(options, scenario, options.planner)
     chosen |= {"optimise": options.optimise, "starts": options.starts or 1, "workers": options.workers or 1}
-    result = setup.plan(options.planner, **chosen)
+    result = setup.plan(options.planner, **chosen, ways=options.ways or 1)
     result = replace(result, setup_time=setup_time + result.setup_time)
     if result.interrupted:
         output.error_console().print("safe-ompl: interrupted: this is the best path so far")
@@ -237,7 +245,7 @@ def describe_timing(trajectory: motions.Trajectory) -> str:
     return f"timed: {trajectory.duration:.3f} s, bounded by {bounds}"
 
 
-_NOT_FOR_PROGRAMS = ("param", "simplify", "optimise", "starts", "workers", "timed", "rate", "timed_plot")
+_NOT_FOR_PROGRAMS = ("param", "simplify", "optimise", "starts", "workers", "ways", "timed", "rate", "timed_plot")
 
 
 def _prepare_program(options: argparse.Namespace, scenario: Scenario) -> Callable[[], int]:

@@ -181,7 +181,7 @@ def shortcut(
     candidates = np.rint(np.linspace(0, len(path) - 1, min(len(path), most))).astype(int)
     wanted = np.eye(len(path), k=1, dtype=bool)
     wanted[np.ix_(candidates, candidates)] = True
-    return _cheapest_proven_chain(path, wanted, cost, proofs, stop, worth)
+    return cheapest_proven_chain(path, wanted, cost, proofs, stop, worth)
 
 
 def joined(path: FloatArray, cost: ActiveSetCost, proofs: EdgeProofs, stop: Callable[[], bool]) -> FloatArray | None:
@@ -190,26 +190,32 @@ def joined(path: FloatArray, cost: ActiveSetCost, proofs: EdgeProofs, stop: Call
         wanted = np.eye(len(path), k=1, dtype=bool)
         wanted[0] |= np.linalg.norm(path - path[0], axis=1) < reach
         wanted[:, -1] |= np.linalg.norm(path - path[-1], axis=1) < reach
-        found = _cheapest_proven_chain(path, wanted, cost, proofs, stop)
+        found = cheapest_proven_chain(path, wanted, cost, proofs, stop)
         if found is not None:
             return found
     return None
 
 
-def _cheapest_proven_chain(
+def cheapest_proven_chain(
     path: FloatArray,
     wanted: BoolArray,
     cost: ActiveSetCost,
     proofs: EdgeProofs,
     stop: Callable[[], bool],
     worth: float = np.inf,
+    known: IntArray | None = None,
 ) -> FloatArray | None:
+    """Return the cheapest chain of proven edges from the first to the last of `path: (N, n)`, or None.
+
+    Edges lead to later way points, those that are `wanted: (N, N)`. An estimate above the share `worth` of the path's
+    cost ends it. Edges that are `known: (N, N)` may be accepted without the margin, by default the path's own.
+    """
     if stop():
         return None
     costs, samples = cost.terms.edge_costs(plain(path), wanted, cost.robot.continuous)
     cost.count(samples)
     most = worth * float(np.diagonal(costs, 1).sum()) if worth < np.inf else np.inf
-    known = np.eye(len(path), k=1, dtype=np.intp)  # the path's own edges may be accepted without the margin
+    known = np.eye(len(path), k=1, dtype=np.intp) if known is None else known
     while not stop():
         before, chain = proofs.chained(path, costs, most, known), [len(costs) - 1]
         while chain[-1]:

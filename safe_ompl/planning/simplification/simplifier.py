@@ -32,7 +32,7 @@ Stop = Callable[[], bool]
 _SPACING = 0.5  # [rad] way points are no farther apart when the descent begins; then they move
 _LONGER = 1.25  # times the given path no path becomes longer
 _CONVERGED = 0.06  # a round that lowers the cost by less than this share is the last
-_SAME = 1e-4  # [m] clearances that differ by less are the same
+SAME_CLEARANCE = 1e-4  # [m] clearances that differ by less are the same
 _FEW = 14  # way points between which shortcuts are looked for after the descent
 _WORTHWHILE = 0.08  # share of the cost that shortcuts after the descent must save to be taken,
 _PROMISING = 0.04  # and by an estimate to be proven
@@ -239,7 +239,7 @@ class SimplificationRun:
             ends, least = self._obstacles.clearances(self.best)
             self._obstacles = self._obstacles.afresh(_ALLOWANCE * ends)
             kept = min(least, self._simplifier.most_kept)
-            self._proofs.keep(max(0.0, kept - _SAME) if np.isfinite(kept) else 0.0)
+            self._proofs.keep(max(0.0, kept - SAME_CLEARANCE) if np.isfinite(kept) else 0.0)
         self._cost = ActiveSetCost(self._danger, self._obstacles, self.best)
         self._best.ceiling = self._cost.ceiling
 
