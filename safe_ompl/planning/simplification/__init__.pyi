@@ -1,5 +1,5 @@
 from .cost import PathCost as PathCost
-from .hybrid import hybrid as hybrid
+from .hybrids import hybrid as hybrid
 from .measures import (
     PROFILE_POINTS as PROFILE_POINTS,
     ClearanceReport as ClearanceReport,
