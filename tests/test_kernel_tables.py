@@ -339,7 +339,7 @@ def t(ur5):
     )
     t.light = Light(0.0, numbers(2), 0.1, numbers(2, 2), numbers(2, 4), np.zeros((2, 5, 5), np.float32), numbers(5, 5))
     t.view = View(numbers(3), np.eye(3), 0.1, numbers(3))
-    t.bridge = SimpleNamespace(n=6, circular=np.zeros(6, bool))
+    t.bridge = SimpleNamespace(n=6, circular=np.zeros(6, bool), rotations=[])
     t.carriers, t.near = indices(3, 0), np.hstack([np.array([[0, 0], [0, 1]]), numbers(2, 8)])
     t.terms = costs.DangerTerms(t.danger, 1.0, np.eye(6), t.ones)
     t.densities = costs.Densities(t.terms, t.carriers, t.near, numbers(2, 2))

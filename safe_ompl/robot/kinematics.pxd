@@ -1,6 +1,6 @@
 """Forward kinematics for compiled modules: types of tables, and functions that are compiled into their callers."""
 
-from libc.math cimport M_PI, cos, fmod, rint, sin
+from libc.math cimport M_PI, atan2, cos, fmod, rint, sin, sqrt
 
 
 cdef struct Joint:
@@ -34,6 +34,9 @@ cdef class Coordinates:
     cdef const double[::1] lower
     cdef const double[::1] upper
     cdef const unsigned char[::1] continuous
+    # The first coordinates of quaternions, of which there are so many.
+    cdef const Py_ssize_t[::1] rotations
+    cdef readonly Py_ssize_t turns
 
 
 cdef class EdgeTable:
@@ -49,6 +52,8 @@ cdef bint edge_between(EdgeTable table, const double *start, const double *end, 
 cdef double steer(
     Coordinates space, const double *q, const double *target, double step, double *place, double *direction
 ) noexcept nogil
+
+cdef double motion_between(Coordinates space, const double *q, const double *target, double *motion) noexcept nogil
 
 cdef bint descend(
     Coordinates space, const double *place, double *direction, const double *gradient, double reach
@@ -163,6 +168,50 @@ cdef inline double bounded(double value, double lower, double upper, bint wraps)
         turned = fmod(value + M_PI, 2 * M_PI)
         return (turned + 2 * M_PI if turned < 0.0 else turned) - M_PI
     return min(max(value, lower), upper)
+
+
+cdef inline void rotation_between(const double *start, const double *end, double *motion) noexcept nogil:
+    """Write the motion (4,) from one unit quaternion to another, the short way: a tangent as long as the arc.
+
+    The arc is half of the angle by which the rotations differ, OMPL's distance in SO(3).
+    """
+    cdef double cosine = 0.0, sine = 0.0, sign, scale
+    cdef Py_ssize_t i
+    for i in range(4):
+        cosine += start[i] * end[i]
+    # A quaternion and its negative are one rotation.
+    sign = -1.0 if cosine < 0.0 else 1.0
+    for i in range(4):
+        motion[i] = sign * end[i] - sign * cosine * start[i]
+        sine += motion[i] * motion[i]
+    sine = sqrt(sine)
+    scale = atan2(sine, sign * cosine) / sine if sine > 0.0 else 1.0
+    for i in range(4):
+        motion[i] *= scale
+
+
+cdef inline void rotate(const double *start, const double *motion, double share, double *end) noexcept nogil:
+    """Write the unit quaternion (4,) to which a share of a motion (4,) leads from another one."""
+    cdef double arc = 0.0, along
+    cdef Py_ssize_t i
+    for i in range(4):
+        arc += motion[i] * motion[i]
+    arc = sqrt(arc)
+    along = sin(share * arc) / arc if arc > 0.0 else 0.0
+    for i in range(4):
+        end[i] = cos(share * arc) * start[i] + along * motion[i]
+    normalise(end)
+
+
+cdef inline void normalise(double *quaternion) noexcept nogil:
+    """Give a quaternion (4,) the norm 1; where its norm is 0 it becomes the identity (0, 0, 0, 1)."""
+    cdef double norm = 0.0
+    cdef Py_ssize_t i
+    for i in range(4):
+        norm += quaternion[i] * quaternion[i]
+    norm = sqrt(norm)
+    for i in range(4):
+        quaternion[i] = quaternion[i] / norm if norm > 0.0 else <double>(i == 3)
 
 
 cdef inline bint all_within(

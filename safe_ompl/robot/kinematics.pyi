@@ -2,7 +2,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import BoolArray, FloatArray
+from safe_ompl.common import BoolArray, FloatArray, IntArray
 
 JOINT: np.dtype[Any]
 KEY_POINT: np.dtype[Any]
@@ -35,7 +35,10 @@ class EdgeTable:
 
 class Coordinates:
     n: int
-    def __init__(self, lower: FloatArray, upper: FloatArray, continuous: BoolArray) -> None: ...
+    turns: int
+    def __init__(
+        self, lower: FloatArray, upper: FloatArray, continuous: BoolArray, rotations: IntArray | tuple[()] = ()
+    ) -> None: ...
     def steer(self, q: FloatArray, target: FloatArray, step: float) -> tuple[float, FloatArray]: ...
     def descend(self, step: FloatArray, gradient: FloatArray, reach: float) -> bool: ...
 

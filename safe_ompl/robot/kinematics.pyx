@@ -436,7 +436,7 @@ def unrolled(const double[:, ::1] path, continuous):
 
 
 cdef class Coordinates:
-    """Bounds of configurations, and which of their n coordinates are continuous.
+    """Bounds of configurations, which of their n coordinates are continuous, and which are quaternions.
 
     Parameters
     ----------
@@ -444,15 +444,20 @@ cdef class Coordinates:
         Bounds [rad or m].
     continuous : ndarray of bool, shape (n,)
         Which coordinates are angles without bounds, so that a motion goes the short way round.
+    rotations : ndarray of shape (r,), optional
+        The first coordinate of each unit quaternion, x, y, z, w. Motions turn them along the shortest arc.
     """
 
-    def __init__(self, lower, upper, continuous):
+    def __init__(self, lower, upper, continuous, rotations=()):
         self.lower = np.ascontiguousarray(lower, dtype=np.float64)
         self.upper = np.ascontiguousarray(upper, dtype=np.float64)
         self.continuous = np.ascontiguousarray(continuous, dtype=np.bool_).view(np.uint8)
-        self.n = self.lower.shape[0]
+        self.rotations = np.ascontiguousarray(rotations, dtype=np.intp)
+        self.n, self.turns = self.lower.shape[0], self.rotations.shape[0]
         if self.upper.shape[0] != self.n or self.continuous.shape[0] != self.n:
             raise InputError("bounds must have the same shape (n,) each")
+        if any(not 0 <= first <= self.n - 4 for first in self.rotations):
+            raise InputError(f"quaternions must be four of {self.n} coordinates each")
 
     def steer(self, const double[::1] q, const double[::1] target, double step):
         """Return ρ(q, target), and (2, n): where a step from q (n,) towards a target (n,) leads, and its direction."""
@@ -479,15 +484,28 @@ cdef double steer(
 ) noexcept nogil:
     """Write where a step from q towards a target (n,) leads, and its direction; return ρ(q, target)."""
     cdef Py_ssize_t i
-    cdef double length = 0.0
-    for i in range(space.n):
-        direction[i] = difference(q[i], target[i], space.continuous[i])
-        length += direction[i] * direction[i]
-    length = sqrt(length)
+    cdef double length = motion_between(space, q, target, direction)
     for i in range(space.n):
         place[i] = target[i] if length <= step else q[i] + (step / length) * direction[i]
+    if length > step:
+        for i in range(space.turns):
+            rotate(q + space.rotations[i], direction + space.rotations[i], step / length, place + space.rotations[i])
+    for i in range(space.n):
         direction[i] /= length
     return length
+
+
+cdef double motion_between(Coordinates space, const double *q, const double *target, double *motion) noexcept nogil:
+    """Write the straight motion (n,) from q to a target (n,), and return its length ρ."""
+    cdef Py_ssize_t i
+    cdef double length = 0.0
+    for i in range(space.n):
+        motion[i] = difference(q[i], target[i], space.continuous[i])
+    for i in range(space.turns):
+        rotation_between(q + space.rotations[i], target + space.rotations[i], motion + space.rotations[i])
+    for i in range(space.n):
+        length += motion[i] * motion[i]
+    return sqrt(length)
 
 
 cdef bint descend(
@@ -496,14 +514,23 @@ cdef bint descend(
     """Write into `direction: (n,)` the place moved down a gradient (n,); return whether there is such a motion.
 
     The place is moved at right angles to the direction, by at most `reach`, less where the gradient is below 1, and
-    stays within the bounds; continuous coordinates are brought into [−π, π).
+    stays within the bounds; continuous coordinates are brought into [−π, π), quaternions to the norm 1.
     """
-    cdef Py_ssize_t i
+    cdef Py_ssize_t i, k, first
+    cdef double radial
     cdef double along = 0.0, steepness = 0.0
     for i in range(space.n):
         along += gradient[i] * direction[i]
     for i in range(space.n):
         direction[i] = gradient[i] - along * direction[i]
+    # Only what is tangent to the unit sphere turns a quaternion.
+    for k in range(space.turns):
+        first, radial = space.rotations[k], 0.0
+        for i in range(first, first + 4):
+            radial += direction[i] * place[i]
+        for i in range(first, first + 4):
+            direction[i] -= radial * place[i]
+    for i in range(space.n):
         steepness += direction[i] * direction[i]
     steepness = sqrt(steepness)
     if not 0.0 < steepness < INFINITY:
@@ -513,6 +540,8 @@ cdef bint descend(
             place[i] - (reach * min(1.0, steepness) / steepness) * direction[i],
             space.lower[i], space.upper[i], space.continuous[i],
         )
+    for k in range(space.turns):
+        normalise(direction + space.rotations[k])
     return True
 
 

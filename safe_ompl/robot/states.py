@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from ompl import base as ob
 
-from safe_ompl.common import BoolArray, FloatArray, InputError, PerThread, PlanningError
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, PerThread, PlanningError
 from safe_ompl.robot.robot import Robot
 
 _new_capsule = ctypes.pythonapi.PyCapsule_New
@@ -44,35 +44,51 @@ def _real_vector(lower: FloatArray, upper: FloatArray) -> Any:
     return space
 
 
+# Kinds of coordinates: within bounds, angles that wrap, and numbers of unit quaternions, four in a row.
+_LINE, _ANGLE, _QUATERNION = "line", "angle", "quaternion"
+_IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
+# By which the norm of a unit quaternion may be off by rounding. OMPL allows 1e-9.
+_UNIT = 1e-14
+
 _WORKING = set[tuple[Any, ...]]()  # kinds of spaces whose buffer is known to work
 
 
 class StateBridge:
     """Moves configurations between OMPL states and arrays `q: (n,)`; an InputError if the space is of another kind.
 
-    It knows real vectors, SO(2), whose angles wrap at ±π, and compounds of these. `circular: (n,)` says which
-    coordinates wrap; `lower` and `upper: (n,)` are their bounds. OMPL's `satisfiesBounds` takes finite coordinates
-    within `held: (2, n)`; `extent` is the length of the diagonal of the bounds.
+    It knows real vectors, SO(2), whose angles wrap at ±π, SO(3), whose states are unit quaternions x, y, z, w, and
+    compounds of these, such as SE(3). `circular: (n,)` says which coordinates wrap, `rotations: (r,)` which are the
+    first ones of quaternions; `lower` and `upper: (n,)` are their bounds. OMPL's `satisfiesBounds` takes finite
+    coordinates within `held: (2, n)`; `extent` is the length of the diagonal of the bounds, where a rotation counts as
+    one side of length π.
+
+    Motions are those of OMPL's spaces: straight, the short way round where coordinates wrap, and for rotations along
+    the shortest arc of the unit sphere. The difference of two quaternions is a tangent (4,) at the first, as long as
+    the arc, which is OMPL's distance in SO(3).
     """
 
     def __init__(self, space: Any) -> None:
         self.space = space
-        self._given = wraps, lower, upper = _coordinates_of(space)
-        self.circular: BoolArray = np.array(wraps, dtype=bool)
+        self._given = kinds, lower, upper = _coordinates_of(space)
+        self.circular: BoolArray = np.array(kinds) == _ANGLE
+        self.rotations: IntArray = np.flatnonzero(np.array(kinds) == _QUATERNION)[::4]
+        self._turning = [slice(first, first + 4) for first in self.rotations.tolist()]
         self.lower: FloatArray = np.array(lower, dtype=float)
         self.upper: FloatArray = np.array(upper, dtype=float)
         self.n: int = len(lower)
         self._sides: FloatArray = self.upper - self.lower
-        free = np.where(self.circular, sys.float_info.max, sys.float_info.epsilon)
+        self._bounded: BoolArray = np.array(kinds) == _LINE
+        free = np.where(self._bounded, sys.float_info.epsilon, sys.float_info.max)
         self.held: FloatArray = np.array([self.lower - free, self.upper + free])
-        self.extent = float(np.linalg.norm(self._sides))
-        self._wraps = bool(self.circular.any())
+        lengths = [*self._sides[np.array(kinds) != _QUATERNION], *(np.pi for _ in self._turning)]
+        self.extent = float(np.linalg.norm(lengths))
+        self._wraps = bool(self.circular.any()) or len(self.rotations) > 0
         # OMPL's serialization of such a space is its coordinates in a row: reading and writing through one buffer costs
         # a tenth of going through Python lists. But the bindings promise nothing of the kind.
         if space.getSerializationLength() != 8 * self.n:
-            raise InputError(f"state space {space.getName()!r} is not made of real vectors and SO(2) alone")
+            raise InputError(f"state space {space.getName()!r} is not made of real vectors, SO(2) and SO(3) alone")
         self._memory = PerThread(partial(_buffer, self.n))
-        kind = type(space), *wraps
+        kind = type(space), *kinds
         if kind not in _WORKING and not self._buffer_works():
             raise PlanningError("this version of OMPL's bindings does not read and write states through a buffer")
         _WORKING.add(kind)
@@ -82,8 +98,8 @@ class StateBridge:
         """Whether the space still has the bounds that it had when this bridge was made."""
         return self.coordinates() == self._given
 
-    def coordinates(self) -> tuple[list[bool], list[float], list[float]]:
-        """Return which coordinates of the space wrap, and the bounds that it has now."""
+    def coordinates(self) -> tuple[list[str], list[float], list[float]]:
+        """Return of what kinds the coordinates of the space are, and the bounds that it has now."""
         return _coordinates_of(self.space)
 
     def read(self, state: Any) -> FloatArray:
@@ -116,10 +132,16 @@ class StateBridge:
         return np.array_equal(buffer, values) and values.tolist() == list(_coordinates(self.space, state))
 
     def wrapped(self, q: FloatArray) -> FloatArray:
-        """Return `q: (…, n)` with the coordinates that wrap brought into [−π, π)."""
+        """Return `q: (…, n)` with the coordinates that wrap brought into [−π, π), and quaternions to the norm 1."""
         if not self._wraps:
             return q
-        return np.where(self.circular, (q + np.pi) % (2 * np.pi) - np.pi, q)
+        wrapped = np.where(self.circular, (q + np.pi) % (2 * np.pi) - np.pi, q)
+        for part in self._turning:
+            norm = np.linalg.norm(wrapped[..., part], axis=-1, keepdims=True)
+            # What has this norm already stays as it is to the bit. Without a length there is no rotation.
+            unit = np.where(norm > 0.0, wrapped[..., part] / np.where(norm > 0.0, norm, 1.0), _IDENTITY)
+            wrapped[..., part] = np.where(np.abs(norm - 1.0) < _UNIT, wrapped[..., part], unit)
+        return wrapped
 
     def way_points(self, path: Any) -> FloatArray:
         """Return the way points (N, n) of a `PathGeometric`, between which the space interpolates on straight lines.
@@ -144,18 +166,49 @@ class StateBridge:
         """Return the configuration within bounds that is nearest to `q: (…, n)`; coordinates that wrap are wrapped."""
         # In a third of the time of np.clip.
         clipped: FloatArray = np.minimum(np.maximum(q, self.lower), self.upper)
-        return np.where(self.circular, self.wrapped(q), clipped) if self._wraps else clipped
+        return np.where(self._bounded, clipped, self.wrapped(q)) if self._wraps else clipped
 
     def between_bounds(self, shares: FloatArray) -> FloatArray:
-        """Return the configurations at `shares: (…, n)` in [0, 1] of the way from the lower to the upper bounds."""
-        return self.lower + self._sides * shares
+        """Return the configurations at `shares: (…, n)` in [0, 1] of the way from the lower to the upper bounds.
+
+        Quaternions are made of three shares of four, so that uniform shares make uniform rotations (Shoemake 1992).
+        """
+        q = self.lower + self._sides * shares
+        for part in self._turning:
+            share, first, second, _ = np.moveaxis(shares[..., part], -1, 0)
+            near, far = np.sqrt(1.0 - share), np.sqrt(share)
+            first, second = 2 * np.pi * first, 2 * np.pi * second
+            numbers = near * np.sin(first), near * np.cos(first), far * np.sin(second), far * np.cos(second)
+            q[..., part] = np.stack(numbers, axis=-1)
+        return q
 
     def difference(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Return the motion from `start` to `end` (matching shapes (…, n)), the short way round where it wraps."""
         delta = end - start
         if self._wraps:
             delta = np.where(self.circular, delta - 2 * np.pi * np.round(delta / (2 * np.pi)), delta)
+        for part in self._turning:
+            delta[..., part] = _arc(start[..., part], end[..., part])
         return delta
+
+    def moved(self, q: FloatArray, motion: FloatArray) -> FloatArray:
+        """Return where motions (…, n), such as shares of a `difference`, lead from `q: (…, n)`; angles count turns."""
+        end = q + motion
+        for part in self._turning:
+            length = np.linalg.norm(motion[..., part], axis=-1, keepdims=True)
+            # np.sinc(x) is sin(πx)/(πx), and 1 at 0.
+            end[..., part] = np.cos(length) * q[..., part] + np.sinc(length / np.pi) * motion[..., part]
+        return end
+
+
+def _arc(start: FloatArray, end: FloatArray) -> FloatArray:
+    """Return the shortest motions (…, 4) from unit quaternions to others (…, 4): tangents as long as the arcs."""
+    cosine = (start * end).sum(axis=-1, keepdims=True)
+    # A quaternion and its negative are one rotation.
+    across = np.where(cosine < 0.0, -end, end) - np.abs(cosine) * start
+    sine = np.linalg.norm(across, axis=-1, keepdims=True)
+    scale = np.arctan2(sine, np.abs(cosine)) / np.where(sine > 0.0, sine, 1.0)
+    return np.asarray(across * np.where(sine > 0.0, scale, 1.0))
 
 
 def _buffer(n: int) -> tuple[FloatArray, Any]:
@@ -168,6 +221,11 @@ def _coordinates(space: Any, state: Any) -> Iterator[float]:
     """Yield the coordinates of a state by OMPL's own indexing, part by part: slow, and sure."""
     if isinstance(space, ob.SE2StateSpace):  # its states have names instead of parts
         yield from (state.getX(), state.getY(), state.getYaw())
+    elif isinstance(space, ob.SE3StateSpace):
+        yield from (state.getX(), state.getY(), state.getZ())
+        yield from _coordinates(space.getSubspace(1), state.rotation())
+    elif isinstance(space, ob.SO3StateSpace):
+        yield from (state.x, state.y, state.z, state.w)
     elif isinstance(space, ob.CompoundStateSpace):
         for k in range(space.getSubspaceCount()):
             yield from _coordinates(space.getSubspace(k), state[k])
@@ -209,20 +267,23 @@ def _named(space: Any) -> str:
         return type(space).__name__
 
 
-def _coordinates_of(space: Any) -> tuple[list[bool], list[float], list[float]]:
-    """Return which coordinates of a space wrap, and their bounds."""
+def _coordinates_of(space: Any) -> tuple[list[str], list[float], list[float]]:
+    """Return of what kinds the coordinates of a space are, and their bounds."""
     if isinstance(space, _CURVED):
         raise InputError(
-            f"state space {_named(space)}: its motions are curves; only spaces of "
-            "straight motions can be planned in (real vectors, SO(2) and compounds of these, such as SE2StateSpace)"
+            f"state space {_named(space)}: its motions are curves; only spaces of straight motions can be planned in "
+            "(real vectors, SO(2), SO(3) and compounds of these, such as SE2StateSpace)"
         )
     if isinstance(space, ob.SO2StateSpace):
-        return [True], [-np.pi], [np.pi]
+        return [_ANGLE], [-np.pi], [np.pi]
+    if isinstance(space, ob.SO3StateSpace):
+        return 4 * [_QUATERNION], 4 * [-1.0], 4 * [1.0]
     if isinstance(space, ob.RealVectorStateSpace):
         bounds = space.getBounds()
-        return [False] * space.getDimension(), list(bounds.low), list(bounds.high)
+        return [_LINE] * space.getDimension(), list(bounds.low), list(bounds.high)
     if isinstance(space, ob.CompoundStateSpace):
         parts = [_coordinates_of(space.getSubspace(i)) for i in range(space.getSubspaceCount())]
-        wraps, lower, upper = (list(chain.from_iterable(each)) for each in zip(*parts, strict=True))
-        return wraps, lower, upper
-    raise InputError(f"state space {_named(space)}: only real vectors, SO(2) and compounds of these can be planned in")
+        return tuple(list(chain.from_iterable(each)) for each in zip(*parts, strict=True))
+    raise InputError(
+        f"state space {_named(space)}: only real vectors, SO(2), SO(3) and compounds of these can be planned in"
+    )

@@ -115,13 +115,50 @@ def test_compounds_of_compounds():
     assert StateBridge(compound(plane, ob.SO2StateSpace())).circular.tolist() == [False, False, True, True]
 
 
+def test_rotations_turn_along_ompls_arcs(rng):
+    body = bounded(ob.SE3StateSpace(), (-1, 1), (-1, 1), (-1, 1))
+    space = compound(ob.SO2StateSpace(), body, ob.SO3StateSpace())
+    bridge = StateBridge(space)
+    assert (bridge.n, bridge.rotations.tolist()) == (12, [4, 8])
+    assert bridge.extent == pytest.approx(np.sqrt((2 * np.pi) ** 2 + 3 * 2**2 + 2 * np.pi**2))
+    compiled = Coordinates(bridge.lower, bridge.upper, bridge.circular, bridge.rotations)
+    first, second, between = (ScratchState(bridge) for _ in range(3))
+    drawn = bridge.between_bounds(rng.random((60, 2, 12)))
+    drawn[..., 1:4] *= 0.5  # where no bound is near
+    arcs = bridge.difference(drawn[:, 0], drawn[:, 1])
+    for (q, end), motion, share in zip(drawn, arcs, rng.random(60), strict=True):
+        np.testing.assert_array_equal(bridge.read(first.set(q)), q)
+        assert space.satisfiesBounds(first.state)
+        space.interpolate(first.state, second.set(end), share, between.state)
+        place = bridge.wrapped(bridge.moved(q, share * motion))
+        length, (stepped, _) = compiled.steer(q, end, share * np.linalg.norm(motion))
+        assert length == pytest.approx(np.linalg.norm(motion))
+        for found in (place, bridge.wrapped(stepped)):
+            np.testing.assert_allclose(bridge.difference(bridge.read(between.state), found), 0.0, atol=1e-12)
+        rotation = ScratchState(StateBridge(ob.SO3StateSpace()))
+        other = ScratchState(StateBridge(ob.SO3StateSpace()))
+        distance = ob.SO3StateSpace().distance(rotation.set(q[8:]), other.set(end[8:]))
+        assert np.linalg.norm(motion[8:]) == pytest.approx(distance)
+        np.testing.assert_allclose(bridge.difference(q, np.concatenate([q[:8], -q[8:]])), 0.0, atol=1e-12)
+        across = rng.normal(size=12)
+        step = np.array([q, motion / length])
+        assert compiled.descend(step, across, 0.1)
+        np.testing.assert_allclose(bridge.inside(step[1]), step[1], atol=1e-12)
+        assert -0.7 < bridge.difference(q, step[1]) @ across < 0
+        np.testing.assert_allclose(bridge.difference(q, step[1]) @ motion, 0.0, atol=0.01)
+    turns = StateBridge(ob.SO3StateSpace()).between_bounds(rng.random((20_000, 4)))
+    np.testing.assert_allclose(turns.T @ turns / len(turns), np.eye(4) / 4, atol=0.01)
+    np.testing.assert_array_equal(StateBridge(ob.SO3StateSpace()).wrapped(np.zeros(4)), [0, 0, 0, 1])
+    with pytest.raises(InputError, match="quaternions must be four of 3 coordinates"):
+        Coordinates(np.zeros(3), np.ones(3), np.zeros(3, bool), [0])
+
+
 PLANAR = (ob.DubinsStateSpace, ob.ReedsSheppStateSpace, ob.TrochoidStateSpace)
 
 
 @pytest.mark.parametrize(
     ("space", "message"),
     [
-        (ob.SO3StateSpace, "only real vectors, SO"),
         (lambda: ob.DiscreteStateSpace(0, 3), "only real vectors, SO"),
         *(
             (lambda kind=kind: bounded(kind(), (-1, 1), (-1, 1)), rf"{kind.__name__}.*motions are curves")

@@ -242,7 +242,8 @@ class StateCost:
             gradients = self._objective.values_and_gradients(Q)[1]
         else:  # by central differences
             step = 1e-5 * np.eye(self._bridge.n)
-            gradients = np.stack([(self.values(Q + h) - self.values(Q - h)) / 2e-5 for h in step], axis=1)
+            ends = [(self._bridge.wrapped(Q + h), self._bridge.wrapped(Q - h)) for h in step]
+            gradients = np.stack([(self.values(there) - self.values(back)) / 2e-5 for there, back in ends], axis=1)
         norms = np.linalg.norm(gradients, axis=1)
         norms = np.sort(norms[np.isfinite(norms)])
         half = len(norms) // 2

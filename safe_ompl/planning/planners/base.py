@@ -121,8 +121,9 @@ class Query(NamedTuple):
 class SafePlanner(ob.Planner):  # type: ignore[misc]
     """Base of the planners: subclasses declare parameters and implement `_search` on arrays, without OMPL's states.
 
-    A planner plans in any space of real vectors and SO(2) parts, with any validity checker and motion validator. It
-    accepts goals of a type, `plans_to`, by default those that offer configurations. `counts` counts the nodes.
+    A planner plans in any space of real vectors, SO(2) and SO(3) parts, with any validity checker, motion validator and
+    objective. It accepts goals of a type, `plans_to`, by default those that offer configurations. `counts` counts the
+    nodes.
 
     Parameters
     ----------

@@ -23,7 +23,8 @@ class TangentialDescent:
     """
 
     def __init__(self, bridge: StateBridge, danger: DangerWeight) -> None:
-        self._coordinates, self._danger = Coordinates(bridge.lower, bridge.upper, bridge.circular), danger
+        self._coordinates = Coordinates(bridge.lower, bridge.upper, bridge.circular, bridge.rotations)
+        self._danger = danger
         self.share = 0.0
 
     @property
@@ -66,7 +67,7 @@ class ElasticBand:
         length = sqrt(delta @ delta)
         if not self._descent.acts or length <= 2 * step or ptc():
             return []
-        middle = self._descent.moved(np.array([start + delta / 2, delta / length]), step)
+        middle = self._descent.moved(np.array([self._problem.bridge.moved(start, delta / 2), delta / length]), step)
         is_free = self._problem.motion_is_free
         if middle is None or not (is_free(start, middle, margin) and is_free(middle, end, margin)):
             return []
@@ -90,6 +91,6 @@ class ElasticBand:
             return True
         bridge = self._problem.bridge
         t = np.linspace(0.0, 1.0, _POINTS)[:, None]
-        straight = path[0] + t * bridge.difference(path[0], path[-1])
+        straight = bridge.moved(path[0], t * bridge.difference(path[0], path[-1]))
         costs = self._danger.cost.values(np.vstack([bridge.wrapped(straight), path]))
         return bool(costs[:_POINTS].mean() <= costs[_POINTS:].mean())

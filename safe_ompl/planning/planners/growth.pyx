@@ -20,14 +20,14 @@ Trees are structs with room for more nodes. A `Tree` owns one, and shows it to P
 from cpython.exc cimport PyErr_CheckSignals
 from cpython.pycapsule cimport PyCapsule_GetPointer
 from cython cimport final
-from libc.math cimport INFINITY, NAN, fabs, nextafterf, pow, sqrt
+from libc.math cimport INFINITY, M_PI, NAN, cos, fabs, nextafterf, pow, sin, sqrt
 from libc.stdlib cimport free, realloc
 from libc.string cimport memcpy
 
 from safe_ompl.collision.proofs cimport DistanceBounds, Outcome, Workspace, prove_edge
 from safe_ompl.danger.static cimport PointDanger
 from safe_ompl.robot.kinematics cimport (
-    Coordinates, EdgeTable, bounded, descend, difference, steer,
+    Coordinates, EdgeTable, bounded, descend, difference, motion_between, rotate, rotation_between, steer,
 )
 
 from enum import IntEnum
@@ -154,6 +154,8 @@ cdef struct Nodes:
     Py_ssize_t priced
     bint from_start
     const unsigned char *wraps
+    const Py_ssize_t *rotations  # first coordinates
+    Py_ssize_t turns
     double *rows                # (room, n)
     Py_ssize_t *parents
     double *costs
@@ -390,6 +392,8 @@ cdef class Growth:
         cdef Py_ssize_t i
         for i in range(self.space.n):
             q[i] = self.space.lower[i] + (self.space.upper[i] - self.space.lower[i]) * self._draw()
+        for i in range(self.space.turns):
+            _make_rotation(q + self.space.rotations[i])
 
     cdef Py_ssize_t _best(self, Nodes *tree, const double *q) except -1 nogil:
         """Return argmin of ρ(node, q) + α·CDF(node); in a share of the choices, by chance, danger has no weight."""
@@ -411,17 +415,17 @@ cdef class Growth:
 
     cdef void _bring_nearer(self, double *target, const double *q) noexcept nogil:
         """Bring a target (n,) log-uniformly nearer to q than a whole step."""
-        cdef double length = 0.0, step, delta
-        cdef Py_ssize_t i
-        for i in range(self.space.n):
-            delta = difference(q[i], target[i], self.space.continuous[i])
-            length += delta * delta
-        length = sqrt(length)
-        step = pow(SHORTEST, self._draw()) * min(length, self.reach)
+        cdef double *motion = &self.moved[0]
+        cdef double length = motion_between(self.space, q, target, motion), share
+        cdef Py_ssize_t i, first
+        share = pow(SHORTEST, self._draw()) * min(length, self.reach) / length if length > 0.0 else 0.0
         for i in range(self.space.n):
             if length > 0.0:
-                target[i] = q[i] + (step / length) * difference(q[i], target[i], self.space.continuous[i])
+                target[i] = q[i] + share * motion[i]
             target[i] = bounded(target[i], self.space.lower[i], self.space.upper[i], self.space.continuous[i])
+        for i in range(self.space.turns):
+            first = self.space.rotations[i]
+            rotate(q + first, motion + first, share, target + first)
 
     cdef bint _is_the_others_turn(self, const Nodes *tree, const Nodes *other) noexcept nogil:
         """Return whether the other tree has the next turn.
@@ -744,6 +748,13 @@ cdef class Growth:
         return 0
 
 
+cdef void _make_rotation(double *q) noexcept nogil:
+    """Turn uniform random numbers (4,) in [−1, 1) into a uniform random unit quaternion (Shoemake 1992)."""
+    cdef double share = 0.5 * (q[0] + 1.0), first = M_PI * (q[1] + 1.0), second = M_PI * (q[2] + 1.0)
+    q[0], q[1] = sqrt(1.0 - share) * sin(first), sqrt(1.0 - share) * cos(first)
+    q[2], q[3] = sqrt(share) * sin(second), sqrt(share) * cos(second)
+
+
 cdef double _least_root_cost(const Nodes *tree) noexcept nogil:
     """Return the cost of the cheapest root; NaN if one is, −∞ if there is none."""
     cdef double least = INFINITY
@@ -777,11 +788,14 @@ cdef class Tree:
     """
 
     cdef Nodes data
-    cdef object _cost, _rows, _parents, _costs, _gradients, _narrow, _sloped, _wraps
+    cdef object _cost, _rows, _parents, _costs, _gradients, _narrow, _sloped, _wraps, _rotations
 
     def __cinit__(self, bridge, cost, *, bint from_start=True):
         cdef Py_ssize_t n = bridge.n
         self._cost, self._wraps = cost, np.array(bridge.circular, dtype=np.uint8)
+        self._rotations = np.array(bridge.rotations, dtype=np.intp)
+        if any(not 0 <= first <= n - 4 for first in self._rotations):
+            raise InputError(f"quaternions must be four of {n} coordinates each")
         self.data.n, self.data.from_start = n, from_start
         if not n or self._wraps.shape != (n,):
             raise InputError("configurations must have a coordinate at least, and each must wrap or not")
@@ -862,6 +876,7 @@ cdef class Tree:
         cdef Py_ssize_t[::1] parents
         cdef unsigned char[::1] narrow, sloped
         cdef const unsigned char[::1] wraps = self._wraps
+        cdef const Py_ssize_t[::1] rotations = self._rotations
         rows = self._rows = _longer(self._rows, room)
         gradients = self._gradients = _longer(self._gradients, room)
         parents, costs = self._parents, self._costs = _longer(self._parents, room), _longer(self._costs, room)
@@ -869,6 +884,8 @@ cdef class Tree:
         self.data.rows, self.data.parents, self.data.costs = &rows[0, 0], &parents[0], &costs[0]
         self.data.gradients, self.data.narrow, self.data.sloped = &gradients[0, 0], &narrow[0], &sloped[0]
         self.data.wraps, self.data.room = &wraps[0], room
+        self.data.turns = rotations.shape[0]
+        self.data.rotations = &rotations[0] if self.data.turns else NULL
 
     def add_root(self, q):
         """Add a start or goal configuration (n,)."""
@@ -932,14 +949,15 @@ def branch(parents, node):
 cdef Py_ssize_t _nearest(Nodes *tree, const double *q, double alpha) except -1 nogil:
     """Return argmin ρ(node, q) + α·cost(node), of equal ones the first; 0 where there are none.
 
-    The distance ρ is Euclidean, coordinates that wrap going the short way round. Where α is not 0 all costs are known.
+    The distance ρ is Euclidean, coordinates that wrap going the short way round, and quaternions along the arc. Where α
+    is not 0 all costs are known. No box bounds an arc, so that in spaces of rotations all nodes are scanned.
     """
     cdef BoxTree *boxes = &tree.boxes
     cdef Waiting *waiting
     cdef double least = INFINITY, score, bound
     cdef double lanes[SIZE]
     cdef Py_ssize_t best = 0, node, size = 1, at, first, below, lane, filled
-    if tree.count <= FEW:
+    if tree.count <= FEW or tree.turns > 0:
         for node in range(tree.count):
             score = _score(tree, node, q, alpha)
             if score < least:
@@ -990,10 +1008,17 @@ cdef double _score(const Nodes *tree, Py_ssize_t node, const double *q, double a
     """Return ρ from a node to q + α·cost."""
     cdef const double *row = tree.rows + tree.n * node
     cdef double total = 0.0, delta
-    cdef Py_ssize_t i
-    for i in range(tree.n):
-        delta = difference(row[i], q[i], tree.wraps[i])
-        total += delta * delta
+    cdef double motion[4]
+    cdef Py_ssize_t i = 0, k = 0
+    while i < tree.n:
+        if k < tree.turns and i == tree.rotations[k]:
+            rotation_between(row + i, q + i, motion)
+            total += motion[0] * motion[0] + motion[1] * motion[1] + motion[2] * motion[2] + motion[3] * motion[3]
+            i, k = i + 4, k + 1
+        else:
+            delta = difference(row[i], q[i], tree.wraps[i])
+            total += delta * delta
+            i += 1
     return sqrt(total) + alpha * tree.costs[node] if alpha != 0.0 else sqrt(total)
 
 

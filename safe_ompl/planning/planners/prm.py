@@ -221,7 +221,7 @@ class SafePRM(SafePlanner):
         nearest = [int(squares(delta).argmin()) for delta in deltas]
         steps = np.array([delta[k] for delta, k in zip(deltas, nearest, strict=True)])
         fractions = _NEAREST_TO_GRAPH ** self._rng.random((count, 1))
-        return self._bridge.wrapped(fringe[nearest] + fractions * steps)
+        return self._bridge.wrapped(self._bridge.moved(fringe[nearest], fractions * steps))
 
     # --------------------------------------------------------------------------------- the path as it is driven
 

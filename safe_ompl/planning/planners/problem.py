@@ -32,7 +32,8 @@ class PlanningProblem:
 
     def __init__(self, si: Any) -> None:
         self.bridge = bridge_of(si)
-        self.coordinates = Coordinates(self.bridge.lower, self.bridge.upper, self.bridge.circular)
+        bridge = self.bridge
+        self.coordinates = Coordinates(bridge.lower, bridge.upper, bridge.circular, bridge.rotations)
         self._si = si
         self._from, self._to = ScratchState(self.bridge), ScratchState(self.bridge)
         self._limits: tuple[MotionProver, JointLimits] | None = None

@@ -399,3 +399,75 @@ def test_a_rigid_body_turns_to_pass_a_gap(kind):
     states = planned(kind, space, is_free, *ends, lambda state: abs(state.getY()), resolution=0.002)
     assert states[0].getX() == pytest.approx(-1.0)
     assert states[-1].getY() == pytest.approx(0.5)
+
+
+def test_a_rod_turns_in_space_to_pass_a_slot(kind):
+    """A rod of 0.6 m in SE(3), and a slot in a wall that it fits through flat."""
+    along = np.linspace(-0.3, 0.3, 13)[:, None]
+
+    def is_free(state):
+        r = state.rotation()
+        axis = np.array([2 * (r.x * r.z + r.w * r.y), 2 * (r.y * r.z - r.w * r.x), 1 - 2 * (r.x**2 + r.y**2)])
+        x, y, z = (along * axis + [state.getX(), state.getY(), state.getZ()]).T
+        return bool(((np.abs(x) > 0.05) | ((np.abs(y) < 0.4) & (np.abs(z) < 0.15))).all())
+
+    space, bounds = ob.SE3StateSpace(), ob.RealVectorBounds(3)
+    bounds.setLow(-1.0)
+    bounds.setHigh(1.0)
+    space.setBounds(bounds)
+    upright = [0.0, 0.0, 0.0, 1.0]
+    ends = [-0.7, 0.1, 0.3, *upright], [0.7, 0.1, 0.3, *upright]
+    states = planned(kind, space, is_free, *ends, lambda state: abs(state.getY()))
+    assert (states[0].getX(), states[-1].getX()) == (-0.7, 0.7)
+    assert all(space.satisfiesBounds(state) for state in states)
+
+
+def towards_the_sun(Q):
+    """Return the cosine between the line of sight of a telescope, its z axis, and the sun at x, for `Q: (N, 4)`."""
+    x, y, z, w = np.asarray(Q).T
+    return 2 * (x * z + w * y)
+
+
+class Glare(ob.OptimizationObjective):
+    """Grows as the sight nears the sun."""
+
+    def values(self, Q):
+        return np.exp(3 * towards_the_sun(Q))
+
+    def stateCost(self, state):
+        return ob.Cost(float(self.values([[state.x, state.y, state.z, state.w]])[0]))
+
+    def motionCost(self, start, end):
+        return ob.Cost(0.0)
+
+
+class SlopedGlare(Glare):
+    def values_and_gradients(self, Q):
+        x, y, z, w = Q.T
+        return self.values(Q), 6 * self.values(Q)[:, None] * np.stack([z, w, x, y], axis=1)
+
+
+@pytest.mark.parametrize("objective", [Glare, SlopedGlare])
+def test_a_telescope_turns_past_the_sun(kind, objective):
+    def mean_glare(alpha, seed):
+        setup = og.SimpleSetup(ob.SO3StateSpace())
+        si = setup.getSpaceInformation()
+        setup.setStateValidityChecker(lambda q: bool(towards_the_sun([[q.x, q.y, q.z, q.w]])[0] < cos(0.3)))
+        si.setStateValidityCheckingResolution(0.005)
+        ends = [si.allocState(), si.allocState()]
+        for state, angle in zip(ends, (-0.8, 0.8), strict=True):
+            state.setAxisAngle(0, 1, 0, np.pi / 2 + angle)
+        setup.setStartAndGoalStates(*ends)
+        setup.setOptimizationObjective(objective(si))
+        planner = kind(si, alpha=alpha)
+        planner.setSeed(seed)
+        setup.setPlanner(planner)
+        assert setup.solve(30.0).getStatus() == EXACT
+        path = setup.getSolutionPath()
+        assert path.check()
+        path.interpolate(60)
+        states = [path.getState(k) for k in range(path.getStateCount())]
+        return np.mean(Glare(si).values([[q.x, q.y, q.z, q.w] for q in states]))
+
+    unaware, aware = (np.mean([mean_glare(alpha, seed) for seed in range(5)]) for alpha in (0.0, 5.0))
+    assert aware < 0.6 * unaware

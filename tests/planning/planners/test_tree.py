@@ -76,7 +76,9 @@ def test_what_leads_out_of_a_tree_is_refused(tree, bridge):
     with pytest.raises(InputError, match="a configuration must have 2 joints, got 3"):
         tree.best(np.zeros(3), 0.0)
     with pytest.raises(InputError, match="each must wrap or not"):
-        Tree(SimpleNamespace(n=3, circular=bridge.circular), StateCost(None, bridge))
+        Tree(SimpleNamespace(n=3, circular=bridge.circular, rotations=[]), StateCost(None, bridge))
+    with pytest.raises(InputError, match="quaternions must be four of 2 coordinates"):
+        Tree(SimpleNamespace(n=2, circular=bridge.circular, rotations=[0]), StateCost(None, bridge))
 
 
 def test_arrays_that_were_handed_out_stay_as_they_are(tree):
@@ -116,7 +118,9 @@ class GivenCosts:
 def grown(rows, costs, wraps=None):
     """Return a tree of nodes with such costs."""
     n = rows.shape[1]
-    tree = Tree(SimpleNamespace(n=n, circular=np.zeros(n, bool) if wraps is None else wraps), GivenCosts(costs))
+    tree = Tree(
+        SimpleNamespace(n=n, circular=np.zeros(n, bool) if wraps is None else wraps, rotations=[]), GivenCosts(costs)
+    )
     for q in rows:
         tree.add(q)
     return tree
