@@ -13,9 +13,11 @@ from safe_ompl.robot import Robot, Tip
 from safe_ompl.tasks.tool_path import ToolPath
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-_FLOOR = 1e-6  # share of a motion's shortest smooth stretch: intervals are not divided further
-_ROUNDING = 1e-9  # [m and rad] errors of kinematics that are allowed for
-_MOST = 200_000  # intervals
+# Intervals shorter than this share of the shortest smooth stretch are not divided.
+_LEAST_INTERVAL = 1e-6
+# The allowance for errors of kinematics.
+_KINEMATICS_ROUNDING = 1e-9  # [m and rad]
+_MOST_INTERVALS = 200_000  # intervals
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,7 @@ class _Proof:
         both = self._turns[:, None] & self._turns
         self._turn_pairs = 0.5 * (both & ~np.eye(len(order), dtype=bool))
         allowance = robot.coupling.reach(motion.allowance)[:, order]
-        self._slack = allowance @ radii + _ROUNDING, allowance @ self._turns + _ROUNDING
+        self._slack = allowance @ radii + _KINEMATICS_ROUNDING, allowance @ self._turns + _KINEMATICS_ROUNDING
         self._derivatives = motion.derivative_coefficients(1), motion.derivative_coefficients(2)
 
     def result(self) -> CorridorProof:
@@ -121,7 +123,7 @@ class _Proof:
         first, last = cuts[:-1], cuts[1:]
         wide = last - first > 1e-12
         first, last = first[wide], last[wide]
-        floor = _FLOOR * float(np.diff(motion.times).min())
+        floor = _LEAST_INTERVAL * float(np.diff(motion.times).min())
         position = angle = 0.0
         while len(first):
             ends, rates = self._ends(first, last)
@@ -135,7 +137,7 @@ class _Proof:
             position = max(position, float(apart[~open_].max(initial=0.0)))
             angle = max(angle, float(turned[~open_].max(initial=0.0)))
             first, last = first[open_], last[open_]
-            if len(first) and ((last - first).min() < floor or len(first) > _MOST):
+            if len(first) and ((last - first).min() < floor or len(first) > _MOST_INTERVALS):
                 at = float(first[(last - first).argmin()])
                 return CorridorProof(False, float(ends[0].max()), float(ends[1].max()), at)
             middle = (first + last) / 2
@@ -151,7 +153,8 @@ class _Proof:
         piece = self._pieces(first, last)
         times, spans = self._motion.times, np.diff(self._motion.times)
         deviations, rates = np.empty((2, 2, len(first))), np.empty((2, len(first)))
-        inside = (last - first) * 1e-9  # derivatives of the curve are those of its segment within
+        # This selects the curve's segment inside the interval for the derivatives.
+        inside = (last - first) * 1e-9
         for k, s in enumerate((first, last)):
             u = ((s - times[piece]) / spans[piece])[:, None]
             Q, Qd = (polynomials.values(held[piece], u) for held in (self._motion.coefficients, self._derivatives[0]))

@@ -18,17 +18,26 @@ from safe_ompl.common import BoolArray, FloatArray, IntArray
 from safe_ompl.danger import DangerField
 from safe_ompl.robot import METRES_PER_RADIAN, Frames, Tip
 
-PRECISION = 1e-7  # [m] of the nodes; a radian counts METRES_PER_RADIAN
-_SEARCH, _FOLLOW = 30, 6  # iterations of Newton's method from anywhere, and from the rung before
-_JUMP = 0.35  # [rad or m] a joint moves at most between rungs
-_NEAR = 1e-9  # [rad or m] of the start
-_SAME = 0.05  # [rad or m] nodes of a rung that differ by less are one
-_DESCENT = 0.2  # [rad or m] a null-space motion at a rung is at most
-_DRIFT = 0.1  # [rad or m] a null-space motion between rungs is at most
-_DESCENTS = 8  # null-space motions away from danger before a strand is followed
+# The accuracy of the nodes. A radian counts METRES_PER_RADIAN.
+PRECISION = 1e-7  # [m]
+# Iterations of Newton's method from a random configuration, and from the rung before.
+_SEARCH, _FOLLOW = 30, 6
+# A joint moves at most this far between rungs.
+_JUMP = 0.35  # [rad or m]
+# A node that is nearer to the start than this is the start.
+_START_TOLERANCE = 1e-9  # [rad or m]
+# Nodes of a rung that differ by less than this are equal.
+_EQUAL_NODES = 0.05  # [rad or m]
+# The longest null-space motion at a rung.
+_DESCENT = 0.2  # [rad or m]
+# The longest null-space motion between rungs.
+_DRIFT = 0.1  # [rad or m]
+# The number of null-space motions away from danger before a strand is followed.
+_DESCENTS = 8
 _CLEAR = 0.05  # [m] clearances below count
-_CLEARANCE = 20.0  # cost [rad] of a whole curve with no clearance,
-_DANGER = 30.0  # and of one in danger of its typical size
+# The cost of a whole curve without clearance, and of a curve in danger of its typical size.
+_CLEARANCE = 20.0
+_DANGER = 30.0
 
 
 @dataclass
@@ -67,7 +76,8 @@ class Costs:
         costs = np.zeros(len(Q))
         if self.field is not None and len(Q):
             dangers = self.field.values(Q)
-            if self._scale is None:  # at the first nodes that it is asked of
+            # The scale is the danger's typical size at the first nodes.
+            if self._scale is None:
                 self._scale = float(np.median(dangers)) or 1.0
             costs += self.weight * dangers
         near = np.flatnonzero([self._checker.pairs.within_margins(q, self._margins) for q in Q])
@@ -112,8 +122,10 @@ class Ladder:
     def __init__(self, tip: Tip, checker: CollisionChecker, costs: Costs, s: FloatArray, frames: Frames) -> None:
         self._tip, self._checker, self._costs = tip, checker, costs
         self.s, self.frames = s, frames
-        self._nodes = np.empty((len(s), 0, tip.robot.n))  # of each rung and strand, NaN where it is not
-        self._weights = np.empty((len(s), 0))  # of the nodes, infinite where there is none
+        # The nodes of each rung and strand, NaN where a strand has none.
+        self._nodes = np.empty((len(s), 0, tip.robot.n))
+        # The costs of the nodes, infinite where there is none.
+        self._weights = np.empty((len(s), 0))
         self._start: FloatArray | None = None
         self.ends = Ends()
 
@@ -142,7 +154,7 @@ class Ladder:
         weights, shares = self._weights, np.diff(self.s) / (self.s[-1] - self.s[0])
         there = np.isfinite(weights)
         if self._start is not None:
-            there[0] &= np.abs(nodes[0] - self._start).max(axis=1) < _NEAR
+            there[0] &= np.abs(nodes[0] - self._start).max(axis=1) < _START_TOLERANCE
         best, before = np.where(there[0], 0.0, np.inf), np.zeros((rungs, strands), dtype=np.intp)
         if not there[0].any():
             return Way(0)
@@ -177,7 +189,7 @@ class Ladder:
         known = [node for node in self._nodes[rung] if np.isfinite(node[0])]
         kept: list[FloatArray] = []
         for q in Q:
-            if all(np.abs(self._tip.robot.difference(q, other)).max() > _SAME for other in (*known, *kept)):
+            if all(np.abs(self._tip.robot.difference(q, other)).max() > _EQUAL_NODES for other in (*known, *kept)):
                 if pair := self._checker.colliding_pair(q):
                     self.ends.note(self.s[rung], f"{pair[0]} would touch {pair[1]}")
                     continue

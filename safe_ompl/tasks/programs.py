@@ -43,12 +43,17 @@ from safe_ompl.tasks.tool_path import ToolPath
 from safe_ompl.tasks.workcell import CellState, Driven, ImpossibleError, Workcell, named
 
 PROGRAM_TIME = 20.0  # [s]
-_STEP_DONE = 2.0  # [s] that a planned step counts less
-_REFUSED = 1.0  # [s] that what was chosen counts more for each step after it that failed
-_BRANCHES = 6  # of the inverse kinematics that a move may end in
-_LONGEST = 2.0  # [s] of one plan
-_STILL = 1e-6  # [rad or m] a motion that is shorter is none
-_RATE = 25.0  # [Hz] of the points of a move
+# Each planned step makes a choice better by this time.
+_STEP_DONE = 2.0  # [s]
+# Each later step that failed makes a choice worse by this time.
+_FAILURE_PENALTY = 1.0  # [s]
+# A move may end in this many branches of the inverse kinematics.
+_BRANCHES = 6
+_MOST_STEP_TIME = 2.0  # [s] of one plan
+# A shorter motion is no motion.
+_NEGLIGIBLE_MOTION = 1e-6  # [rad or m]
+# The rate of the points of a move.
+_POINT_RATE = 25.0  # [Hz]
 
 
 def plan_program(scenario: Scenario | str | Path, *, time: float = PROGRAM_TIME, seed: int = 0) -> ProgramResult:
@@ -95,7 +100,7 @@ def _naming(scenario: Scenario) -> AbstractContextManager[None]:
 
 def _points(trajectory: Trajectory, robot: Robot) -> tuple[Motion, Motion]:
     """Return the motion through the points of a trajectory, and its curve."""
-    times, points = trajectory.points(_RATE)
+    times, points = trajectory.points(_POINT_RATE)
     rates = points["velocities"], points.get("accelerations")
     return Motion.hermite(times, points["positions"], *rates, robot.joint_names), trajectory.curve
 
@@ -129,18 +134,19 @@ class _ProgramPlanner:
         self._end, order = begin + time, count()
         best = _Node(0, self._cell.begin)
         waiting = [(0.0, next(order), 0.0, best)]
-        refused: Counter[tuple[str, ...]] = Counter()  # how often choices, with whatever came after, failed
+        # How often each sequence of choices failed, with any continuation.
+        refused: Counter[tuple[str, ...]] = Counter()
         why, failed = "", -1
 
         def wait(cost: float, node: _Node) -> None:
-            heapq.heappush(waiting, (cost + _REFUSED * refused[node.choices], next(order), cost, node))
+            heapq.heappush(waiting, (cost + _FAILURE_PENALTY * refused[node.choices], next(order), cost, node))
 
         while waiting and best.step < len(self._steps):
             if perf_counter() > self._end:
                 why = f"{why}; {time:g} s are over" if why else f"{time:g} s are over"
                 break
             before, _, cost, node = heapq.heappop(waiting)
-            if cost + _REFUSED * refused[node.choices] > before:  # some failed since
+            if cost + _FAILURE_PENALTY * refused[node.choices] > before:  # some failed since
                 wait(cost, node)
                 continue
             try:
@@ -228,7 +234,8 @@ class _ProgramPlanner:
             if kind == "place":
                 in_hand = self._cell.tip(step.arm, state).inverse() * self._cell.link(held[value].link, state)
                 pose = option.se3 * (in_hand * held[value].pose.se3).inverse()
-            elif item is not None:  # of the other arm, which hands it over
+            # The other arm holds the object and hands it over.
+            elif item is not None:
                 pose = self._cell.link(item.link, state) * item.pose.se3 * option.se3
             else:
                 pose = state.scene[value].pose.se3 * option.se3
@@ -247,10 +254,10 @@ class _ProgramPlanner:
             if step.configuration is not None:
                 wanted = configuration_for(arm, "configuration", step.configuration)
             assert wanted is not None
-            if np.abs(arm.difference(q, wanted)).max() < _STILL:
+            if np.abs(arm.difference(q, wanted)).max() < _NEGLIGIBLE_MOTION:
                 return state, ()
             setup.setConfigurations(q, wanted)
-        left = min(_LONGEST, max(self._end - perf_counter(), 1e-3))
+        left = min(_MOST_STEP_TIME, max(self._end - perf_counter(), 1e-3))
         result = setup.plan(time=left, seed=self._seed, simplify=setup.field is not None)
         if result.path is None:
             raise ImpossibleError(f"no path is found in {left:.2g} s")
@@ -262,7 +269,7 @@ class _ProgramPlanner:
         during = self._cell.during(step, state)
         arm, q = self._cell.arm_at(step.arm, during)
         poses = [arm.tip_pose(q), *targets]
-        if len(poses) == 2 and np.abs(pin.log6(poses[0].inverse() * poses[1]).vector).max() < _STILL:
+        if len(poses) == 2 and np.abs(pin.log6(poses[0].inverse() * poses[1]).vector).max() < _NEGLIGIBLE_MOTION:
             return state, ()
         setup = self._cell.setup(arm, during.scene, q)
         corridor = Corridor(step.within, step.angle, step.free_axis)
@@ -272,7 +279,7 @@ class _ProgramPlanner:
         if found.motion is None:
             raise ImpossibleError(f"{100 * found.fraction:.0f} % of it can be followed; {found.why}")
         assert found.along is not None
-        corners = tuple(np.searchsorted(found.along.times, path.corners - _STILL).tolist())
+        corners = tuple(np.searchsorted(found.along.times, path.corners - _NEGLIGIBLE_MOTION).tolist())
         return self._cell.driven(step, state, found.motion, replace(found.along, timed=False, corners=corners))
 
     def _gripper(self, step: Gripper, state: CellState) -> Any:
@@ -280,7 +287,7 @@ class _ProgramPlanner:
         q = robot.configuration({**named(robot, state.q), **step.joints})
         if (beyond := robot.beyond_limits(q)) is not None:
             raise InputError(beyond, "gripper.joints")
-        if np.abs(q - state.q).max() < _STILL:
+        if np.abs(q - state.q).max() < _NEGLIGIBLE_MOTION:
             return state, ()
         trajectory = PathTimer(robot, self._cell.limits).time([state.q, q])
         return self._cell.driven(step, state, *_points(trajectory, robot))

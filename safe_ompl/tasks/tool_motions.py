@@ -24,19 +24,31 @@ from safe_ompl.tasks.tool_path import ToolPath
 if TYPE_CHECKING:
     from safe_ompl.planning import SafeSetup
 
-_STEP, _TURN = 0.03, 0.15  # [m] and [rad] between rungs at most
+# The largest distance and rotation between rungs.
+_RUNG_DISTANCE, _RUNG_ROTATION = 0.03, 0.15  # [m], [rad]
 _FEWEST = 6  # rungs
-_DOUBLINGS = 5  # of the nodes, until the corridor is proven
-_REFINEMENTS = 12  # steps of the descent in the null space
-_DESCENT = 0.4  # [rad or m] longest step of it
-_SMOOTH = 1.0  # weight [1/rad] of ‖dq/dσ‖², σ the share of the curve, against the costs of nodes
-_CURVATURE = 20.0  # [1/rad] of the costs of nodes: a guess for Newton's method
-_INSIDE = 0.1  # [rad or m] from joint limits: nearer counts
-_SEEDS, _TRIES = 32, 3  # of the inverse kinematics where the ladder ends, twice as many with each try
-_REFUSED = 12  # ways that are not proven, before it is given up
-_SHARE = 0.45  # of the acceleration limits that a ramp, or the curve, may take up
-_MARGIN = 0.999  # share of a rate limit that is used
-_SLOWER = 1.001  # than what just keeps a limit that was broken
+# The nodes are doubled at most this often until the corridor is proven.
+_DOUBLINGS = 5
+# The number of steps of the descent in the null space.
+_DESCENT_STEPS = 12
+# The longest step of this descent.
+_LONGEST_DESCENT_STEP = 0.4  # [rad or m]
+# The weight [1/rad] of ‖dq/dσ‖² against the costs of nodes. σ is the share of the curve.
+_SMOOTHNESS_WEIGHT = 1.0
+# A guess of the curvature [1/rad] of the costs of nodes, for Newton's method.
+_CURVATURE = 20.0
+# Configurations nearer to joint limits than this cost more.
+_INSIDE = 0.1  # [rad or m]
+# Seeds of the inverse kinematics where the ladder ends, twice as many with each try, and the number of tries.
+_SEEDS, _SEED_TRIES = 32, 3
+# The search ends after this many joint paths that are not proven.
+_MOST_UNPROVEN = 12
+# A ramp, or the curve, may use this share of the acceleration limits.
+_RAMP_SHARE = 0.45
+# This share of each rate limit is used.
+_MARGIN = 0.999
+# A motion that broke a limit is made slower by this factor more than needed.
+_EXTRA_SLOWDOWN = 1.001
 
 
 @dataclass(frozen=True)
@@ -222,11 +234,11 @@ class _LadderSearch:
             ladder.begin(start)
         refused: list[ToolMotion] = []
         tries = np.zeros(len(rungs), dtype=int)
-        while len(refused) < _REFUSED * effort:
+        while len(refused) < _MOST_UNPROVEN * effort:
             way = ladder.cheapest()
             if way.nodes is None or way.strands is None:
                 gap = way.reached
-                if tries[gap] == _TRIES or (gap == 0 and start is not None):
+                if tries[gap] == _SEED_TRIES or (gap == 0 and start is not None):
                     break
                 ladder.grow(rng, gap, effort * _SEEDS * 2 ** tries[gap])
                 tries[gap] += 1
@@ -247,7 +259,7 @@ class _LadderSearch:
         found = []
         for first, last in pairwise(self._stops):
             spins = np.linalg.norm(self.path.at(np.linspace(first, last, 20)[1:-1]).spins, axis=1).max()
-            step = min(_STEP, _TURN / max(spins, 1e-9))
+            step = min(_RUNG_DISTANCE, _RUNG_ROTATION / max(spins, 1e-9))
             found.append(np.linspace(first, last, max(_FEWEST, int(np.ceil((last - first) / step)) + 1)))
         return np.unique(np.concatenate(found))
 
@@ -301,7 +313,7 @@ class _LadderSearch:
         if self._robot.n <= np.linalg.matrix_rank(jacobians[rungs // 2], tol=1e-4):
             return nodes
         steps = np.diff(np.eye(rungs), axis=0)
-        smooth = _SMOOTH * rungs * steps.T @ steps
+        smooth = _SMOOTHNESS_WEIGHT * rungs * steps.T @ steps
         weights = np.gradient(s) / self.path.length
         hessian = 2 * smooth + np.diag(_CURVATURE * weights)
         if fixed:
@@ -313,7 +325,7 @@ class _LadderSearch:
             return float(np.sum(nodes * (smooth @ nodes)) + weights @ self._costs.of(nodes) + cramped)
 
         best, least, step = nodes, cost(nodes), 1.0
-        for _ in range(_REFINEMENTS):
+        for _ in range(_DESCENT_STEPS):
             pull = -2 * smooth @ best
             if self._field is not None:
                 pull -= self._costs.weight * weights[:, None] * self._field.gradients(best)
@@ -324,7 +336,7 @@ class _LadderSearch:
             size = np.abs(wanted).max()
             if size < 1e-3:
                 break
-            moved = np.clip(best + wanted * min(step, _DESCENT / size), *self._tip.limits)
+            moved = np.clip(best + wanted * min(step, _LONGEST_DESCENT_STEP / size), *self._tip.limits)
             moved, arrived = self._tip.solved(moved, frames, PRECISION, 4)
             if fixed:
                 moved[0] = best[0]
@@ -333,7 +345,7 @@ class _LadderSearch:
                 best, least, step = moved, new, min(2.0, step * 1.5)
                 _, jacobians = self._tip.task(self._tip.at(best), frames)
             else:
-                step = min(step, _DESCENT / size) / 3
+                step = min(step, _LONGEST_DESCENT_STEP / size) / 3
                 if step * size < 1e-3:
                     break
         return best
@@ -371,8 +383,8 @@ def in_time(
     """
     rate, bend = (np.abs(along.derivative_coefficients(order)).sum(axis=1).max(axis=0) for order in (1, 2))
     with np.errstate(divide="ignore"):
-        fastest = min((limits.velocity / rate).min(), np.sqrt(_SHARE * limits.acceleration / bend).min())
-        push = float((_SHARE * limits.acceleration / rate).min())
+        fastest = min((limits.velocity / rate).min(), np.sqrt(_RAMP_SHARE * limits.acceleration / bend).min())
+        push = float((_RAMP_SHARE * limits.acceleration / rate).min())
     v = float(min(fastest * _MARGIN, np.inf if speed is None else speed))
     times, coefficients = [0.0], []
     stops = np.concatenate([[0.0], path.corners, [path.length]])
@@ -387,8 +399,8 @@ def in_time(
     motion, slower = Motion(np.array(times), filled, along.joint_names, rounding=rounding), 1.0
     while broken := rate_violations(motion, robot, limits):
         over = [abs(found.value or 0.0) / found.limit for found in broken if found.limit]
-        slower *= max(over) * _SLOWER
-        motion = replace(motion, times=motion.times * max(over) * _SLOWER)
+        slower *= max(over) * _EXTRA_SLOWDOWN
+        motion = replace(motion, times=motion.times * max(over) * _EXTRA_SLOWDOWN)
     return motion, v / slower
 
 
@@ -409,7 +421,8 @@ def _composed(along: Motion, first: float, last: float, v: float, ramp: float) -
         for a, b in pairwise(cuts):
             middle = begin + np.polynomial.polynomial.polyval((a + b) / 2, law)
             j = int(np.clip(np.searchsorted(along.times, middle) - 1, 0, along.pieces - 1))
-            local = polynomials.restricted(law[:, None], a, b)[:, 0]  # s − begin on [a, b], by powers of u
+            # The time law less its beginning on [a, b], by powers of u.
+            local = polynomials.restricted(law[:, None], a, b)[:, 0]
             local[0] += begin - along.times[j]
             local /= along.times[j + 1] - along.times[j]
             power, piece = np.ones(1), np.zeros((3 * (len(local) - 1) + 1, along.n))

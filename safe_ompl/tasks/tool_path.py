@@ -15,9 +15,12 @@ from safe_ompl.common import FloatArray, InputError, finite_array, number, polyn
 from safe_ompl.geometry import Pose, turn_between
 from safe_ompl.robot import METRES_PER_RADIAN, Frames
 
-_SHORTEST = 1e-6  # [m] of a segment; a turn counts METRES_PER_RADIAN
-_SHARP = 1e-6  # jump of the direction of the tip, a unit vector, that makes a corner
-_COLLINEAR = 1e-6  # sine of the angle below which three points are on a line
+# The least length of a segment. A rotation counts with METRES_PER_RADIAN.
+_LEAST_SEGMENT = 1e-6  # [m]
+# A jump of the tip's direction (a unit vector) by more than this is a corner.
+_CORNER_JUMP = 1e-6
+# Three points are on a line if the sine of their angle is smaller than this.
+_COLLINEAR = 1e-6
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,8 @@ class Arc:
     start: FloatArray
     way: FloatArray  # (3,) of a line
     rotation: FloatArray  # (3, 3) at the start
-    turn: FloatArray  # (3,) rotation vector from start to end, in world axes
+    # The rotation vector from start to end, in world axes (3,).
+    turn: FloatArray
     centre: FloatArray | None = None
     normal: FloatArray | None = None  # (3,) of unit length
     angle: float = 0.0
@@ -75,7 +79,8 @@ class PoseSpline:
     """
 
     knots: FloatArray  # (K + 1,) from 0
-    pieces: FloatArray  # (K, 4, 7) powers of s less the knot before
+    # Coefficients of the powers of s minus the knot before (K, 4, 7).
+    pieces: FloatArray
 
     @classmethod
     def through(cls, poses: Sequence[pin.SE3]) -> PoseSpline:
@@ -117,7 +122,8 @@ class PoseSpline:
 
     def bends(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return bounds from the second derivatives, which are linear between knots."""
-        inside = (last - first) * 1e-9  # the interval's own piece, where it begins or ends at a knot
+        # If the interval begins or ends at a knot, this selects the piece inside the interval.
+        inside = (last - first) * 1e-9
         ends = [self._derivatives(s) for s in (first + inside, last - inside)]
         bend = np.maximum(*(np.linalg.norm(second[:, :3], axis=1) for _, _, second in ends))
         curl = np.maximum(*(np.linalg.norm(second[:, 3:], axis=1) for _, _, second in ends))
@@ -146,7 +152,7 @@ class ToolPath:
         if not self.segments:
             raise InputError("needs a segment at least", "path")
         for k, segment in enumerate(self.segments):
-            if not segment.length > _SHORTEST:
+            if not segment.length > _LEAST_SEGMENT:
                 raise InputError(f"segment {k} has no length: two poses are the same", "path")
 
     def __repr__(self) -> str:
@@ -246,7 +252,7 @@ def _turns_sharply(one: Segment, other: Segment) -> bool:
     jump = float(np.linalg.norm(after.velocities - before.velocities))
     if not before.velocities.any() and not after.velocities.any():
         jump = METRES_PER_RADIAN * float(np.linalg.norm(after.spins - before.spins))
-    return jump > _SHARP
+    return jump > _CORNER_JUMP
 
 
 def pose_distance(one: pin.SE3, other: pin.SE3) -> float:
@@ -313,14 +319,15 @@ def _blended(lines: Sequence[Arc], cut: float) -> Iterator[Segment]:
     """Yield lines whose corners are arcs of circles that begin `cut` [m] before them, at most half way."""
     begin = 0.0
     for k, line in enumerate(lines):
-        corner = 0.0  # [m] that an arc takes from this line and from the next one
+        # The length that an arc takes from this line and from the next one [m].
+        corner = 0.0  # [m]
         if k + 1 < len(lines):
             back, ahead = line.way / line.length, lines[k + 1].way / lines[k + 1].length
             if np.linalg.norm(np.cross(back, ahead)) > _COLLINEAR:
                 corner = min(cut, 0.5 * line.length, 0.5 * lines[k + 1].length)
         end = line.length - corner
         first, last = (_frame(line, s) for s in (begin, end))
-        if end - begin > _SHORTEST:
+        if end - begin > _LEAST_SEGMENT:
             yield _line(first, last)
         if corner:
             entry, exit_ = last, _frame(lines[k + 1], corner)

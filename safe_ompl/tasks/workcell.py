@@ -17,7 +17,8 @@ from safe_ompl.planning import SafeSetup, setup_scenario
 from safe_ompl.robot import Attachment, Robot
 from safe_ompl.scene import CONTACT_DEPTH, Attach, Detach, Goal, Gripper, Scenario, Scene, Step
 
-_SLOWER, _TRIES = 1.25, 12  # times as long, where stops beside people are too late
+# A motion whose stops beside people are too late is made slower by this factor, at most this often.
+_SLOWDOWN, _MOST_SLOWDOWNS = 1.25, 12
 
 
 class ImpossibleError(Exception):
@@ -227,11 +228,11 @@ class Workcell:
         rows = self.rows(moving.joint_names or ())
         motion = replace(moving.among(robot, state.q, rows), times=moving.times - moving.times[0])
         setup = self.setup(robot, during.scene, state.q)
-        for _ in range(_TRIES):
+        for _ in range(_MOST_SLOWDOWNS):
             check = setup.check(motion, self.limits, people)
             if {violation.kind for violation in check.violations} != {"separation"}:
                 break
-            motion = replace(motion, times=motion.times * _SLOWER)
+            motion = replace(motion, times=motion.times * _SLOWDOWN)
         if not check:
             raise ImpossibleError(str(check.violations[0]))
         if curve is not None:

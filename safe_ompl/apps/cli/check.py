@@ -38,7 +38,8 @@ from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario
 
-_UP = Context(prec=3, rounding=ROUND_CEILING)  # of widths: digits that are kept
+# Widths are rounded up to three digits.
+_ROUND_UP = Context(prec=3, rounding=ROUND_CEILING)
 
 
 def add_commands(commands: Any) -> None:
@@ -306,7 +307,8 @@ def _write(
 def _described(repair: Repair, written: MotionCheck, file: str) -> str:
     if not written:
         why = repair.how
-        if repair.changed:  # it is free, but for its rates, or for what the file rounds
+        # The motion was free. Its rates were too high, or the file rounds its numbers.
+        if repair.changed:
             why = f"{why}, {written.violations[0]}"
         return f"safe-ompl: nothing is written to {file}: {why}"
     if repair.how == "unchanged":
@@ -375,7 +377,7 @@ def _tube(found: Mapping[str, MeasuredTube], factor: float) -> int:
         places = {log: tube.joint_names.index(name) for log, tube in found.items()}
         log = max(found, key=lambda log: found[log].widths[places[log]])
         tube, k = found[log], places[log]
-        widths[name] = float(_UP.create_decimal(repr(float(tube.widths[k]))))
+        widths[name] = float(_ROUND_UP.create_decimal(repr(float(tube.widths[k]))))
         row = [name, f"{tube.errors[k]:.3g}", f"+{tube.between[k]:.2g}", f"{tube.times[k]:.3f}", f"{widths[name]:g}"]
         table.add_row(*row, *([log] if len(found) > 1 else []))
     table.caption = Text(f"tube: {factor:g} × (largest error + what may be between samples) [rad or m]")

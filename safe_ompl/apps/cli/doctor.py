@@ -47,7 +47,8 @@ def examine() -> int:
     for what, trial in trials.items():
         try:
             trial()
-        except Exception as error:  # of any kind: what is installed badly may raise anything
+        # A package that is installed badly may raise any exception.
+        except Exception as error:
             why = error.__cause__ or error
             said = " ".join(f"{type(why).__name__}: {why}".split())
             output.console().print(escape(f"fails: {what}: {said[:200]}"), soft_wrap=True)
@@ -59,7 +60,8 @@ def requirements() -> Iterator[tuple[str, str, str]]:
     """Yield the requirements of the installed package: name on PyPI, versions that fit, and the extra, if any."""
     for line in requires("safe-ompl") or ():
         found = re.match(r"""([\w.-]+)(?:\[.*?\])?\s*([^;]*?)\s*(?:;.*extra == ['"](\w+)['"].*)?$""", line)
-        if found and found[3] != "ros" and (found[3] is None or found[3] in output.EXTRAS):  # ROS 2 is seldom of PyPI
+        # ROS 2 is rarely from PyPI, so its versions are not compared.
+        if found and found[3] != "ros" and (found[3] is None or found[3] in output.EXTRAS):
             yield found[1], found[2].replace(" ", ""), found[3] or ""
 
 

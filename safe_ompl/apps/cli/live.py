@@ -46,9 +46,11 @@ RANDOM = "random"
 _NO_PLACE = "the scenario has no person whose place could be taken: say where"
 CLIP = "clip_0"
 _BALL = 0.05  # [m] radius
-_AROUND, _BASE = 1.5, 0.25  # [m] largest and least distance of the balls from the robot's base at first
-_APART = 0.3  # [m] between them and the robot at first
-_TRIES = 1000
+# The largest and the least initial distance of the balls from the robot's base [m].
+_FARTHEST_BALL, _NEAREST_BALL = 1.5, 0.25  # [m]
+# The initial distance between balls and robot.
+_BALL_DISTANCE = 0.3  # [m]
+_MOST_BALL_TRIES = 1000
 
 
 def add_commands(commands: Any) -> None:
@@ -111,7 +113,8 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         replanner = Replanner(robot, around, options=ReplanningOptions(options.tick), prover=setup.motion_prover)
         return Simulation(replanner, ways, found.people, found.objects, faults=faults)
 
-    world([])  # what cannot be used is said now
+    # This reports what cannot be used before the simulation starts.
+    world([])
     return partial(_drive, scenario, setup, world=world, options=options)
 
 
@@ -183,7 +186,8 @@ def program_segments(
     for stretch in result.stretches:
         robot, scene, step = stretch.robot, stretch.scene, stretch.step
         if stretch.curve is not None and stretch.check.limits is not None:
-            may_leave = isinstance(program.steps[step], Move)  # others must stay on their curve
+            # Only moves may leave their path. Other steps must stay on their curve.
+            may_leave = isinstance(program.steps[step], Move)
             ways = replace(options, detours=may_leave, retreats=may_leave, joints=stretch.joints)
             replanner = Replanner(robot, around(scene), options=ways, prover=stretch.check.proof)
             timer = PathTimer(robot, stretch.check.limits, tool_speed=own.tool_speed, link_speed=own.link_speed)
@@ -249,10 +253,13 @@ def _place(text: str) -> Pose:
 class Actors:
     """People and objects that move."""
 
-    scene: Scene  # The scenario's, with the balls that fly about
-    people: dict[str, PersonMover] = field(default_factory=dict)  # By the name of the person that each replaces
+    # The scenario's scene with the flying balls.
+    scene: Scene
+    # By the name of the person that each replaces.
+    people: dict[str, PersonMover] = field(default_factory=dict)
     objects: dict[str, Drifting] = field(default_factory=dict)  # By obstacle
-    speeds: dict[str, float] = field(default_factory=dict)  # Bounds of the speeds of the objects [m/s]
+    # Bounds of the speeds of the objects [m/s].
+    speeds: dict[str, float] = field(default_factory=dict)
 
     @property
     def still(self) -> Scene:
@@ -353,11 +360,11 @@ def _add_balls(found: Actors, robot: Robot, start: FloatArray, base: FloatArray,
     """Add balls that fly around the robot and start away from it."""
     rng, monitor = np.random.default_rng([options.seed, 1]), ContactMonitor(robot)
     for _ in range(options.movers):
-        for _ in range(_TRIES):
-            place = base + rng.uniform(-_AROUND, _AROUND, 3)
+        for _ in range(_MOST_BALL_TRIES):
+            place = base + rng.uniform(-_FARTHEST_BALL, _FARTHEST_BALL, 3)
             far = np.linalg.norm(place - base)
             solids = part_solids("", Sphere(_BALL), pin.SE3(np.eye(3), place))
-            if _BASE < far < _AROUND and monitor.nearest(start, solids).distance > _APART:
+            if _NEAREST_BALL < far < _FARTHEST_BALL and monitor.nearest(start, solids).distance > _BALL_DISTANCE:
                 break
         else:
             raise InputError(f"there is no room for {options.movers} balls around the robot", "--movers")
@@ -366,7 +373,7 @@ def _add_balls(found: Actors, robot: Robot, start: FloatArray, base: FloatArray,
         velocity = options.faster * speed * way / np.linalg.norm(way)
         name = _free_name("thing", found.scene.names)
         found.scene = Scene((*found.scene, Obstacle(name, Sphere(_BALL), Pose(tuple(place)))))
-        room = np.array([base - _AROUND, base + _AROUND])
+        room = np.array([base - _FARTHEST_BALL, base + _FARTHEST_BALL])
         found.objects[name] = Drifting(pin.SE3(np.eye(3), place), velocity, room)
         found.speeds[name] = options.mover_speed
 

@@ -41,8 +41,10 @@ EXTRAS = {
     "mujoco": ("mujoco", "the examples of MuJoCo"),
     "xacro": ("xacro", "robots in .xacro files"),
 }
-_WIDTH = 160  # of tables that go to a file or pipe
-_HELD, _NEVER = 10_000, logging.CRITICAL + 1  # records of the log that are held back; no level lets them out
+# The width of tables that go to a file or a pipe.
+_WIDTH = 160
+# This many records of the log are held back. No level lets them pass.
+_HELD, _NEVER = 10_000, logging.CRITICAL + 1
 
 
 def console() -> Console:
@@ -139,7 +141,8 @@ class OutputFile(str):
     """A file that a command writes, as its option names it: `output_file` reads one, `check_outputs` checks all."""
 
     endings: tuple[str, ...]
-    extra: str | None  # of the package, that writes it
+    # The package's extra that provides the writer.
+    extra: str | None
 
 
 def output_file(*endings: str, extra: str | None = None) -> Callable[[str], OutputFile]:
@@ -237,7 +240,8 @@ def need_extra(extra: str, key: str | None = None) -> None:
 
 
 def _same_file(given: str | Path, path: Path) -> bool:
-    with suppress(OSError, ValueError):  # where `given` is no file at all
+    # `given` may be no file at all.
+    with suppress(OSError, ValueError):
         return os.path.samefile(given, path)
     return False
 

@@ -19,14 +19,21 @@ from safe_ompl.robot import Robot, RobotSpec, configurations_at, finger_joints, 
 from safe_ompl.scene import Scenario, Scene
 from safe_ompl.tasks import ProgramResult, plan_program
 
-_MOST = 4  # joints of a gripper that move on their own
-_PAD = 0.02  # [m], of the end of a finger
-_SMALLEST, _LARGEST, _SHARE = 0.02, 0.05, 0.6  # [m] edges of the cube; of the gripper's opening
-_SQUEEZE = 0.0006  # [m] that the fingers are nearer than the edge
-_RADII, _HEIGHTS = (0.55, 0.45, 0.65), (-0.35, -0.2, -0.5)  # of the table, in reaches from the shoulder
-_PICK, _PLACES = -0.5, (0.35, 0.6)  # [rad] left of straight ahead
-_LINE = 120  # letters
-_UP, _TIME = 0.1, 10.0  # [m] above grasps and places; [s] for each table
+# A gripper may have at most this many joints that move on their own.
+_MOST_GRIPPER_JOINTS = 4
+# The length of the pad at the end of a finger.
+_PAD = 0.02  # [m]
+# The least and the largest edge of the cube [m], and its share of the gripper's opening.
+_LEAST_CUBE, _LARGEST_CUBE, _OPENING_SHARE = 0.02, 0.05, 0.6  # [m]
+# The fingers are closer together than the edge by this.
+_SQUEEZE = 0.0006  # [m]
+# Distances and heights of the table, in reaches from the shoulder.
+_TABLE_DISTANCES, _TABLE_HEIGHTS = (0.55, 0.45, 0.65), (-0.35, -0.2, -0.5)
+# Angles left of straight ahead where the cube is picked and placed [rad].
+_PICK, _PLACES = -0.5, (0.35, 0.6)  # [rad]
+_LINE_WIDTH = 120  # letters
+# The height above grasps and places [m], and the planning time for each table [s].
+_HEIGHT_ABOVE, _TIME_PER_TABLE = 0.1, 10.0  # [m]
 
 
 class CubeGripper:
@@ -45,7 +52,7 @@ class CubeGripper:
         self.joints = [name for name in fingers if name not in mimics and has_range(full, full.getJointId(name))]
         if not self.joints:
             raise InputError(f"the arm with the tip {tip!r} has no gripper: no finger moves behind it", self._where)
-        if len(self.joints) > _MOST:
+        if len(self.joints) > _MOST_GRIPPER_JOINTS:
             raise InputError(f"it is not known which of {len(self.joints)} joints close the hand", self._where)
         self._robot = robot = Robot(replace(spec, free=tuple(self.joints)))
         self._body, model = RobotBody(robot, coarse=True), robot.shared.model
@@ -78,14 +85,15 @@ class CubeGripper:
         ends = {name: (low, high) for name, low, high in limits if name in self.joints}
         ways = [dict(zip(ends, values, strict=True)) for values in product(*ends.values())]
         self.open, shut = (choose(ways, key=lambda way: self._gap(way)[0]) for choose in (max, min))
-        self.edge = round(min(_LARGEST, _SHARE * self._gap(self.open)[0]), 3)
-        least, most = 0.0, 1.0  # shares of the way from open to shut
+        self.edge = round(min(_LARGEST_CUBE, _OPENING_SHARE * self._gap(self.open)[0]), 3)
+        # Shares of the way from open to closed.
+        least, most = 0.0, 1.0
         for _ in range(30):
             share = 0.5 * (least + most)
             self.closed = {n: round(value + share * (shut[n] - value), 5) for n, value in self.open.items()}
             gap, end = self._gap(self.closed)
             least, most = (share, most) if gap > self.edge - _SQUEEZE else (least, share)
-        if self.edge < _SMALLEST or abs(gap - self.edge) > 2 * _SQUEEZE:
+        if self.edge < _LEAST_CUBE or abs(gap - self.edge) > 2 * _SQUEEZE:
             raise InputError("its fingers do not close on a cube of 2 cm or more", self._where)
         point, down = end - 0.25 * self.edge * self._ahead, np.array([0.0, 0.0, -1.0])
         own = np.column_stack([self._ahead, self._across, np.cross(self._ahead, self._across)])
@@ -137,7 +145,7 @@ def planned(
     robot, (person,) = Robot(spec), about["scene"]["obstacles"]
     ahead = float(np.arctan2(*np.subtract(person["position"], shoulder)[1::-1]))
     why = ""
-    for height, radius in product(_HEIGHTS, _RADII):
+    for height, radius in product(_TABLE_HEIGHTS, _TABLE_DISTANCES):
         top = round(float(shoulder[2]) + height * reach, 2)
 
         def spot(angle: float, above: float, far: float = radius * reach, top: float = top) -> dict[str, Any]:
@@ -148,13 +156,13 @@ def planned(
         cube = {"name": "cube", "box": {"size": [gripper.edge] * 3}, **spot(_PICK, 0.5 * gripper.edge)}
         obstacles = [{**table, "color": "#b99a6b"}, {**cube, "color": "#d9822b"}, person]
         scene = Scene.from_mapping({"obstacles": obstacles})
-        start = _start(robot, scene, Pose.from_mapping(spot(0.0, 2 * _UP)).se3, gripper)
+        start = _start(robot, scene, Pose.from_mapping(spot(0.0, 2 * _HEIGHT_ABOVE)).se3, gripper)
         if isinstance(start, str):
             why = why or start
             continue
         content = {**about, "start": start, "scene": {"obstacles": obstacles}}
         content["program"] = _program(gripper, [spot(angle, 0.5 * gripper.edge) for angle in _PLACES], start)
-        result = plan_program(Scenario.from_mapping(content, folder), time=_TIME)
+        result = plan_program(Scenario.from_mapping(content, folder), time=_TIME_PER_TABLE)
         if result:
             return content, result
         why = result.why
@@ -179,16 +187,16 @@ def _program(gripper: CubeGripper, places: list[dict[str, Any]], start: dict[str
         {"position": _rounded(g.translation), "rpy": _rounded(pin.rpy.matrixToRpy(g.rotation))} for g in gripper.grasps
     ]
     steps: list[dict[str, Any]] = [
-        {"move": {"grasp": "cube", "up": _UP}},
+        {"move": {"grasp": "cube", "up": _HEIGHT_ABOVE}},
         {"line": {"grasp": "cube"}},
         {"gripper": {"joints": gripper.closed, "touching": touching}},
         {"attach": "cube"},
-        {"line": {"up": _UP, "touching": [["cube", "table"]]}},
-        {"move": {"place": "cube", "up": _UP}},
+        {"line": {"up": _HEIGHT_ABOVE, "touching": [["cube", "table"]]}},
+        {"move": {"place": "cube", "up": _HEIGHT_ABOVE}},
         {"line": {"place": "cube", "touching": [["cube", "table"]]}},
         {"detach": "cube"},
         {"gripper": {"joints": gripper.open, "touching": touching}},
-        {"line": {"up": _UP}},
+        {"line": {"up": _HEIGHT_ABOVE}},
         {"move": {"configuration": list(start.values())}},
     ]
     return {"grasps": {"cube": grasps}, "places": {"cube": places}, "steps": steps}
@@ -201,7 +209,7 @@ def _rounded(values: FloatArray) -> Any:
 def block(value: Any, indent: str = "") -> str:
     """Return plain data as YAML: what fits is on one line."""
     line = files.dump_line(value)
-    if not isinstance(value, (dict, list)) or (indent and len(indent) + len(line) < _LINE):
+    if not isinstance(value, (dict, list)) or (indent and len(indent) + len(line) < _LINE_WIDTH):
         return f" {line}"
     if isinstance(value, list):
         return "".join(f"\n{indent}- {block(item, indent + '  ').lstrip()}" for item in value)

@@ -29,7 +29,8 @@ from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
 
-_SLOWER = (1.0, 1.005, 1.02, 1.05, 1.15)  # times as long: tried where stops between exported points are too late
+# Factors of the duration that are tried if stops between exported points are too late.
+_SLOWDOWNS = (1.0, 1.005, 1.02, 1.05, 1.15)
 
 
 def add_commands(commands: Any) -> None:
@@ -89,7 +90,8 @@ def _plan(
     result = replace(result, setup_time=setup_time + result.setup_time)
     if result.interrupted:
         output.error_console().print("safe-ompl: interrupted: this is the best path so far")
-    if options.json:  # in the form of `safe_ompl.save`, with the name of the scenario
+    # The JSON is that of `safe_ompl.save`, with the name of the scenario.
+    if options.json:
         names = {"scenario": scenario.name, "robot": setup.robot.name}
         output.write_json(options.json, {**io.marked("result", names), **io.result_to_mapping(result)})
     if options.json != output.STANDARD_OUTPUT:
@@ -192,7 +194,7 @@ def show_timed(
         # Stops with a limit of the jerk are proven of the trajectory alone.
         people = scenario.people if trajectory.limits.jerk is None else None
         # Stops between the points may take longer than those of the trajectory, which has no time to spare.
-        for factor in _SLOWER:
+        for factor in _SLOWDOWNS:
             slower = content if factor == 1 else _slower(content, factor)
             read, other = _written(slower, options.trajectory)
             found = setup.check(read, trajectory.limits, people)

@@ -55,7 +55,8 @@ def main(words: Sequence[str] | None = None) -> int:
             job = options.prepare(options)
             show()
             return int(job())
-    except BrokenPipeError:  # a pipe's end: no message, and none of Python's own when it closes stdout
+    # The reader of the pipe has gone. Nothing is printed, and Python must not complain when it closes stdout.
+    except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
     except (SafeOmplError, OSError) as error:

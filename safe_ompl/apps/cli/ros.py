@@ -173,7 +173,8 @@ def cell_of(
             return legs_of(limited, robot, start, among, control, options)
 
         return Cell(program_robot(limited), trackers, moving, work, program=True, moving=described)
-    setup_scenario(limited, robot)  # what cannot be used is said now
+    # This reports what cannot be used before the node starts.
+    setup_scenario(limited, robot)
 
     def plan(start: FloatArray, goal: Any, cloud: Obstacle | None) -> Replanner | Shield:
         seen, own = () if cloud is None else (cloud,), scenario.motion

@@ -123,7 +123,8 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
         return ViewerContent.of_program(found)
     robot = scenario.build_robot()
     start = scenario.start_configuration(robot)
-    if options.planners == _NONE:  # also a start in collision can be looked at
+    # A start in collision can be looked at, too.
+    if options.planners == _NONE:
         return ViewerContent(robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name)
     setup = setup_scenario(scenario, robot)
     results = []
