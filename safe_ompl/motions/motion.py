@@ -253,22 +253,14 @@ class Motion:
         """Return this motion and, after it, another one of the same joints that begins where it ends.
 
         Of two paths the knot between is a corner, where the robot stops. Raises InputError if one is timed and the
-        other is not, or the second one begins elsewhere.
+        other is not, the second one names its joints otherwise, or it begins elsewhere.
         """
         if self.timed != other.timed:
             raise InputError("must have times in all parts, or in none", "times")
         if self.joint_names and other.joint_names and self.joint_names != other.joint_names:
-            if {*self.joint_names} != {*other.joint_names}:
-                moved = ", ".join(other.joint_names)
-                raise InputError(
-                    f"must be those of the motion before, which this one follows, got {moved}", "joint_names"
-                )
-            order = [other.joint_names.index(name) for name in self.joint_names]
-            other = replace(
-                other,
-                coefficients=other.coefficients[:, :, order],
-                joint_names=self.joint_names,
-                rounding=None if other.rounding is None else other.rounding[:, order],
+            names = ", ".join(self.joint_names)
+            raise InputError(
+                f"must be {names}, as of the motion before, got {', '.join(other.joint_names)}", "joint_names"
             )
         count, size = self.pieces, max(self.degree, other.degree) + 1
         coefficients = np.zeros((count + other.pieces, size, self.n))

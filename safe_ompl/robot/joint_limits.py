@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -29,83 +29,54 @@ from safe_ompl.common import (
 _log = logging.getLogger(__name__)
 
 _RATES = ("velocity", "acceleration", "jerk")
-_NODE = "ros__parameters"
-_OUTER = ("robot_description_planning", _NODE)
+_RANGES = {"position": ("min_position", "max_position"), "soft": ("soft_lower_limit", "soft_upper_limit")}
+_LIMITS = _RANGES | {kind: (f"max_{kind}",) for kind in (*_RATES, "deceleration", "effort")}
+# Efforts and gains are read, but not used: controllers share the file.
+_FLAGS = (*(f"has_{kind}_limits" for kind in _LIMITS), "angle_wraparound")
+_KEYS = (*_FLAGS, *(name for names in _LIMITS.values() for name in names), "k_position", "k_velocity")
 
 
-@dataclass(frozen=True)
-class JointEntry(Section):
-    """What the file says of one joint [rad or m, s]; a limit counts unless its `has_…_limits` is false.
+def read_joint(name: str, value: Any) -> dict[str, float]:
+    """Return the limits of one joint that apply [rad or m, s]: `min_position`, `max_position`, `max_velocity`, ….
 
-    Efforts and the gains of controllers are read, but not used.
+    A limit applies unless its `has_…_limits` is false. Soft limits narrow the range, and a deceleration, which may have
+    either sign, the acceleration. Raises InputError if a range is empty, a rate is absurd, or a limit is announced and
+    not given.
     """
-
-    has_position_limits: bool | None = key(document.flag, default=None)
-    min_position: float | None = key(document.number, default=None)
-    max_position: float | None = key(document.number, default=None)
-    has_velocity_limits: bool | None = key(document.flag, default=None)
-    max_velocity: float | None = key(document.number, default=None)
-    has_acceleration_limits: bool | None = key(document.flag, default=None)
-    max_acceleration: float | None = key(document.number, default=None)
-    has_deceleration_limits: bool | None = key(document.flag, default=None)
-    max_deceleration: float | None = key(document.number, default=None)
-    has_jerk_limits: bool | None = key(document.flag, default=None)
-    max_jerk: float | None = key(document.number, default=None)
-    has_effort_limits: bool | None = key(document.flag, default=None)
-    max_effort: float | None = key(document.number, default=None)
-    has_soft_limits: bool | None = key(document.flag, default=None)
-    soft_lower_limit: float | None = key(document.number, default=None)
-    soft_upper_limit: float | None = key(document.number, default=None)
-    k_position: float | None = key(document.number, default=None)
-    k_velocity: float | None = key(document.number, default=None)
-    angle_wraparound: bool | None = key(document.flag, default=None)
-
-    def check(self) -> None:
-        """Raise InputError if a range is empty, a rate is absurd, or a limit is announced and not given."""
-        for kind in _RATES:
-            if getattr(self, f"has_{kind}_limits"):
-                document.require(self.to_mapping(), f"max_{kind}")
-            self.rate(kind)
-        low, high = self.range
-        if not low < high:
+    data = document.mapping(name, value, _KEYS)
+    with document.within(name):
+        given = {
+            word: (document.flag if word in _FLAGS else document.number)(word, item) for word, item in data.items()
+        }
+        for kind, names in _LIMITS.items():
+            said = given.get(f"has_{kind}_limits")
+            if said and given.keys().isdisjoint(names):
+                raise InputError(f"missing, but needed, as has_{kind}_limits is true", names[0])
+            if said is False:
+                given = {word: item for word, item in given.items() if word not in names}
+        low, high = (
+            pick([given[names[k]] for names in _RANGES.values() if names[k] in given], default=end)
+            for k, (pick, end) in enumerate(((max, -inf), (min, inf)))
+        )
+        if low >= high:
             raise InputError(f"must be above the least position {low:g}, got {high:g}", "max_position")
-        if self.has_position_limits and (low, high) == (-inf, inf):
-            raise InputError("missing, but needed, as has_position_limits is true", "min_position")
-
-    @property
-    def range(self) -> tuple[float, float]:
-        """The least and the largest position [rad or m], soft limits included; infinite where none is given."""
-        low, high = [-inf], [inf]
-        for given, least, most in (
-            (self.has_position_limits, self.min_position, self.max_position),
-            (self.has_soft_limits, self.soft_lower_limit, self.soft_upper_limit),
-        ):
-            if given is not False:
-                low += [] if least is None else [least]
-                high += [] if most is None else [most]
-        return max(low), min(high)
-
-    def rate(self, kind: str) -> float | None:
-        """Return the largest velocity, acceleration or jerk, if one is given; braking is no stronger than it says."""
-        found = []
-        for name in (kind, "deceleration") if kind == "acceleration" else (kind,):
-            value = getattr(self, f"max_{name}")
-            if value is not None and getattr(self, f"has_{name}_limits") is not False:
-                # A deceleration is written with either sign.
-                value = abs(value) if name == "deceleration" else value
-                found.append(document.number(f"max_{name}", value, **RATE_BOUNDS[kind]))
-        return min(found, default=None)
+        if "max_deceleration" in given:
+            given["max_acceleration"] = min(abs(given["max_deceleration"]), given.get("max_acceleration", inf))
+        found = {"min_position": low, "max_position": high}
+        rates = {f"max_{kind}": RATE_BOUNDS[kind] for kind in _RATES if f"max_{kind}" in given}
+        found |= {word: document.number(word, given[word], **bounds) for word, bounds in rates.items()}
+    return {word: item for word, item in found.items() if isfinite(item)}
 
 
 @dataclass(frozen=True)
 class JointLimitsFile(Section):
-    """The content of a `joint_limits.yaml`, by joint, and the file that it was read from.
+    """The limits in a `joint_limits.yaml` that apply, by joint, and the file that they were read from.
 
     The scaling factors are what MoveIt multiplies limits with in requests that name no factor. They are no limits of
     the robot: what a motion is checked against are the limits themselves.
     """
 
-    joint_limits: Mapping[str, JointEntry] = key(document.by_name, read=document.section, kind=JointEntry)
+    joint_limits: Mapping[str, Mapping[str, float]] = key(document.by_name, read=read_joint)
     default_velocity_scaling_factor: float = key(document.number, default=1.0, above=0.0, at_most=1.0)
     default_acceleration_scaling_factor: float = key(document.number, default=1.0, above=0.0, at_most=1.0)
     file: Path | None = field(default=None, compare=False)
@@ -118,15 +89,12 @@ class JointLimitsFile(Section):
         if isinstance(value, Mapping):
             with document.within(name):
                 return cls.from_mapping(value)
-        path = document.file(name, value, (".yaml", ".yml"))
+        path, outer = document.file(name, value, (".yaml", ".yml")), ""
         with document.within(name, ": "), files.reading(path) as content:
-            outer = ""
-            while "joint_limits" not in content and len(content) == 1:
-                ((word, inner),) = content.items()
-                # A file of ROS 2's parameters begins with the name of a node, such as `/**` or `move_group`.
-                if word not in _OUTER and not (isinstance(inner, Mapping) and _NODE in inner):
-                    break
-                outer, content = f"{outer}{word}.", document.mapping(f"{outer}{word}", inner)
+            # Files of parameters begin with levels of their own, such as `/**`, `ros__parameters`.
+            while "joint_limits" not in content and [dict] == [type(inner) for inner in content.values()]:
+                ((word, content),) = content.items()
+                outer += f"{word}."
             with document.within(outer, ""):
                 return replace(cls.from_mapping(content), file=path)
 
@@ -141,8 +109,7 @@ class JointLimitsFile(Section):
 
     def rates(self, kind: str) -> dict[str, float]:
         """Return the velocities, accelerations or jerks by joint, of those that have any."""
-        found = {joint: entry.rate(kind) for joint, entry in self.joint_limits.items()}
-        return {joint: value for joint, value in found.items() if value is not None}
+        return {joint: given[f"max_{kind}"] for joint, given in self.joint_limits.items() if f"max_{kind}" in given}
 
     def narrow(self, full: pin.Model, source: str) -> None:
         """Narrow positions and velocities of a model; warn of wider ones, and of joints that the robot has not.
@@ -150,39 +117,31 @@ class JointLimitsFile(Section):
         Raises UnknownNameError if the robot has none of the joints, and InputError if a range has no value in common
         with that of the URDF, or is of a continuous joint, which MoveIt gives no range either.
         """
-        where, known = str(self.file or "joint_limits"), list(full.names)[1:]
+        where, known, wider = str(self.file or "joint_limits"), list(full.names)[1:], []
         unknown = [joint for joint in self.joint_limits if joint not in known]
         if unknown and len(unknown) == len(self.joint_limits):
             raise UnknownNameError("joint", unknown[0], known, where)
-        wider = []
-        for name in self.joint_limits.keys() - unknown:
-            entry, joint = self.joint_limits[name], full.joints[full.getJointId(name)]
-            if entry.range != (-inf, inf):
-                if joint.nq != 1:
-                    raise InputError("must not have position limits, as it is continuous", f"{where}: {name}")
-                low, high = full.lowerPositionLimit[joint.idx_q], full.upperPositionLimit[joint.idx_q]
-                least, most = max(low, entry.range[0]), min(high, entry.range[1])
-                if least > most:
-                    raise InputError(
-                        f"[{entry.range[0]:g}, {entry.range[1]:g}] must overlap [{low:g}, {high:g}] of {source}",
-                        f"{where}: {name}: position",
-                    )
-                if -inf < entry.range[0] < low or high < entry.range[1] < inf:
-                    wider.append(f"{name} (position)")
-                full.lowerPositionLimit[joint.idx_q], full.upperPositionLimit[joint.idx_q] = least, most
-            velocity, in_urdf = entry.rate("velocity"), float(full.velocityLimit[joint.idx_v])
-            if velocity is not None:
-                # URDFs that do not limit a velocity say 0, or a number that no joint reaches.
-                limited = 0.0 < in_urdf < inf
-                if limited and velocity > in_urdf:
-                    wider.append(f"{name} (velocity)")
-                velocity = min(velocity, in_urdf) if limited else velocity
-                full.velocityLimit[joint.idx_v] = velocity
-                # Pinocchio 4.1 reads the same positive number for the lower limit, which must not be above the upper.
-                full.lowerVelocityLimit[joint.idx_v] = -velocity
-        for names, words in (
-            (unknown, "the robot has no such joint"),
-            (sorted(wider), "wider than in the URDF, which applies (limits=, or motion of a scenario, give others)"),
-        ):
-            if names:
-                warn_once(_log, f"{where}: {words}: {', '.join(names)}")
+        for name, given in ((name, given) for name, given in self.joint_limits.items() if name in known):
+            joint = full.joints[full.getJointId(name)]
+            tables = [("max_velocity", full.velocityLimit, joint.idx_v, min)]
+            if joint.nq == 1:
+                tables.append(("min_position", full.lowerPositionLimit, joint.idx_q, max))
+                tables.append(("max_position", full.upperPositionLimit, joint.idx_q, min))
+            elif not {"min_position", "max_position"}.isdisjoint(given):
+                raise InputError("must not have position limits, as it is continuous", f"{where}: {name}")
+            for word, table, row, narrower in (entry for entry in tables if entry[0] in given):
+                # URDFs that do not limit a velocity say 0, or infinity.
+                if isfinite(table[row]) and (word != "max_velocity" or table[row] > 0.0):
+                    wider += [f"{name}.{word}"] if narrower(given[word], table[row]) != given[word] else []
+                    table[row] = narrower(given[word], table[row])
+                else:
+                    table[row] = given[word]
+            # Pinocchio 4.1 reads a positive number for this one, too, which must not be above the upper limit.
+            full.lowerVelocityLimit[joint.idx_v] = -full.velocityLimit[joint.idx_v]
+            if joint.nq == 1 and not full.lowerPositionLimit[joint.idx_q] <= full.upperPositionLimit[joint.idx_q]:
+                raise InputError(f"must overlap the position limits in {source}", f"{where}: {name}")
+        if unknown:
+            warn_once(_log, f"{where}: the robot has no such joint: {', '.join(unknown)}")
+        if wider:
+            words = "wider than in the URDF, which applies (limits=, or motion of a scenario, give others)"
+            warn_once(_log, f"{where}: {words}: {', '.join(wider)}")

@@ -92,7 +92,8 @@ class Robot(ForwardKinematics):
         Raises InputError for a missing or malformed file, a missing mesh, an unknown joint or frame, and joints of a
         kind that is not supported.
         """
-        files: Any = Path(urdf), None if srdf is None else Path(srdf), tuple(package_dirs)
+        folders: Any = tuple(package_dirs)
+        files = Path(urdf), None if srdf is None else Path(srdf), folders
         return cls(RobotSpec(None, *files, tip, locked, **options))
 
     @classmethod

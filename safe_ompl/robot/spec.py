@@ -286,16 +286,7 @@ class RobotSpec(Section):
         srdf = self.resolved().srdf_file()
         if srdf is None:
             raise InputError(f"{name!r} is the name of a state in an SRDF: give the robot an SRDF, or joint values")
-        states = srdf.group_states(name)
-        found: dict[str, float] = {}
-        for group, values in states.items() if self.group not in states else ((self.group, states[self.group]),):
-            for joint, value in values.items():
-                if found.setdefault(joint, value) != value:
-                    raise InputError(
-                        f"{name!r} is a state of the groups {', '.join(states)}, with other values of {joint!r}: "
-                        f"choose one by the robot's group, got {self.group or group!r}"
-                    )
-        return found
+        return srdf.group_state(name, self.group)
 
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> RobotSpec:
         """Return the spec with other limits [rad or m] for the joints named, those of base and cell included."""

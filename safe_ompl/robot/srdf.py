@@ -6,13 +6,12 @@ import logging
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
 
 import pinocchio as pin
 
-from safe_ompl.common import InputError, UnknownNameError
+from safe_ompl.common import InputError, UnknownNameError, number, within
 from safe_ompl.robot.collision import (
     adjacent_pairs,
     always_in_contact,
@@ -59,30 +58,26 @@ class SrdfFile:
         """Return the text of the SRDF, expanded."""
         return ElementTree.tostring(self._root, encoding="unicode")
 
-    def group_states(self, name: str) -> dict[str, dict[str, float]]:
-        """Return the states of a name by group: the value of each joint of one axis [rad or m].
+    def group_state(self, name: str, group: str | None) -> dict[str, float]:
+        """Return the joint values of a state [rad or m], that of a group if it has one of this name.
 
-        An UnknownNameError lists the states that there are; an InputError says which value is no number.
+        Joints of several axes are left out. An UnknownNameError lists the states that there are; an InputError says
+        which value is no number, or that the states of several groups differ.
         """
-        states = self._root.findall("group_state")
-        found: dict[str, dict[str, float]] = {}
-        for state in (state for state in states if state.get("name") == name):
-            values = found.setdefault(state.get("group", ""), {})
-            for joint in state.findall("joint"):
-                text = joint.get("value", "")
-                try:
-                    numbers = [float(word) for word in text.split()]
-                except ValueError:
-                    numbers = []
-                if not (numbers and all(map(isfinite, numbers))):
-                    where = f"{self.path}: group_state {name!r} of {state.get('group')!r}: joint {joint.get('name')!r}"
-                    raise InputError(f"must be a finite number, got {text!r}", f"{where}: value")
-                if len(numbers) == 1:
-                    values[joint.get("name", "")] = numbers[0]
-        if not found:
-            known = dict.fromkeys(state.get("name", "") for state in states)
+        states = [state for state in self._root.findall("group_state") if state.get("name") == name]
+        if not states:
+            known = dict.fromkeys(state.get("name", "") for state in self._root.findall("group_state"))
             raise UnknownNameError("group state", name, known, str(self.path))
-        return found
+        found: dict[str, str] = {}
+        for state in [state for state in states if state.get("group") == group] or states:
+            for joint in state.findall("joint"):
+                word, text = joint.get("name", ""), joint.get("value", "")
+                if found.setdefault(word, text) != text:
+                    groups = ", ".join(state.get("group", "") for state in states)
+                    said = f"{name!r} is a state of the groups {groups}, with other values of {word!r}"
+                    raise InputError(f"{said}: choose one by the robot's group", str(self.path))
+        with within(f"{self.path}: group_state {name!r}: joint ", ""):
+            return {word: _finite(word, text) for word, text in found.items() if len(text.split()) <= 1}
 
     def group_joints(self, name: str, full: pin.Model) -> tuple[str, ...]:
         """Return the movable joints of a group, in the order of `full`: of its chains, joints, links and subgroups."""
@@ -177,6 +172,13 @@ class SrdfFile:
             links = (frame.name for frame in full.frames if frame.type == pin.FrameType.BODY)
             raise UnknownNameError(f"link of group {group!r}", name, links, str(self.path))
         return int(full.getBodyId(name))
+
+
+def _finite(name: str, text: str) -> float:
+    try:
+        return number(name, float(text))
+    except ValueError:
+        raise InputError(f"must have a finite number as its value, got {text!r}", name) from None
 
 
 class DisabledLinks(NamedTuple):

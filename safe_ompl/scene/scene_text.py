@@ -8,7 +8,7 @@ pose, and its colour. A pose is a position [m] and a quaternion, x, y, z, w.
 from __future__ import annotations
 
 from itertools import takewhile
-from math import cos, pi, sin
+from math import cos, pi
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import InputError, UnknownNameError, documents as document, files
-from safe_ompl.geometry import Box, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere, written_mesh
+from safe_ompl.geometry import Box, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere, surfaces, written_mesh
 
 _SIZES = {"box": ("x", "y", "z"), "sphere": ("radius",), "cylinder": ("radius", "length"), "cone": ("radius", "length")}
 # Corners of the polygon around the base of a cone, which is 0.5 % wider than the base at most.
@@ -55,13 +55,9 @@ def written_cone(folder: Path | None, name: str, radius: float, length: float) -
 
     The mesh, which is written to a folder (.obj), contains the cone: its base is a polygon around that of the cone.
     """
-    angles = 2 * pi / _CORNERS * np.arange(_CORNERS)
     wide, half = radius / cos(pi / _CORNERS), length / 2
-    points = [[wide * cos(angle), wide * sin(angle), -half] for angle in angles]
-    after = [(k + 1) % _CORNERS for k in range(_CORNERS)]
-    sides = [[k, after[k], _CORNERS] for k in range(_CORNERS)]
-    base = [[0, after[k], k] for k in range(1, _CORNERS - 1)]
-    return written_mesh(folder, name, [*points, [0.0, 0.0, half]], [*sides, *base])
+    vertices, faces = surfaces.revolved_triangles(np.array([[0.0, -half], [wide, -half], [0.0, half]]), _CORNERS)
+    return written_mesh(folder, name, vertices.tolist(), faces.tolist())
 
 
 class _Words:

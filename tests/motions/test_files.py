@@ -62,10 +62,9 @@ def display(*parts, start=None, **more):
 
 
 def backwards():
-    """Return the message back from the last point to the first one, with the joints in another order."""
+    """Return the message back from the last point to the first one."""
     said = message()
-    said["joint_names"] = said["joint_names"][::-1]
-    rows = [point["positions"][::-1] for point in said["points"]]
+    rows = [point["positions"] for point in said["points"]]
     for point, row in zip(said["points"], rows[::-1], strict=True):
         point["positions"] = row
     return said
@@ -303,7 +302,7 @@ OTHER = json.dumps({"joint_trajectory": message(), "multi_dof_joint_trajectory":
         (
             "m.json",
             shown(display(message(), {**message(), "joint_names": ["hip", "ankle"]})),
-            "joint_names: must be those of",
+            "joint_names: must be hip, knee, as of the motion before, got hip, ankle",
         ),
         (
             "m.json",
