@@ -194,7 +194,7 @@ cdef class DistanceBounds:
         self.exact = exact[pairs[:, 0]] & exact[pairs[:, 1]]
         self._counts, self._coupling, self._free = counts, robot.coupling, []
         numbers, certain = pairs.astype(np.uintp), np.where(self.exact, ALLOWANCE, np.inf)
-        by_joint = np.array(radii.T, order="C")
+        by_joint = np.array(radii.T, dtype=np.float64, order="C")
         self.pairs.count, self.pairs.m, self.pairs.own, self.pairs.joints = P, m, own, self.joints.data
         self.pairs.shape_count = self.shapes.count
         groups, balls = self._grouped(numbers)

@@ -194,7 +194,8 @@ cdef class DangerTerms:
                     step = difference(path[a, i], path[b, i], wraps[i])
                     squares += step * step
                 costs[a, b] = sqrt(squares)
-                step = min(max(ceil(costs[a, b] / EDGE_SPACING), <double> FEWEST_SAMPLES), <double> MOST_SAMPLES)
+                # In this order of its arguments max() makes the fewest samples of NaN.
+                step = min(max(<double> FEWEST_SAMPLES, ceil(costs[a, b] / EDGE_SPACING)), <double> MOST_SAMPLES)
                 numbers[a, b] = number = <Py_ssize_t> step
                 for s in range(number):
                     for i in range(n):
@@ -508,6 +509,8 @@ def bounded_step(const double[::1] gradient, const double[:, ::1] vectors, doubl
     """
     cdef Py_ssize_t n = gradient.shape[0], i, j, k, c, _
     cdef double curvature = 0.0, slope = 0.0, shift, rest, length, square
+    if vectors.shape[1] != n:
+        raise InputError(f"vectors must have {n} columns, as the gradient, got {vectors.shape[1]}")
     hessian, factor, found, other = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.empty(n)
     cdef double[:, ::1] H = hessian
     cdef double[:, ::1] L = factor
@@ -795,7 +798,7 @@ def factored(const double[:, :, ::1] blocks, const double[:, :, ::1] beside, con
     """
     cdef Py_ssize_t N = blocks.shape[0], n = blocks.shape[1], w = 2 * n - 1, k, a, b, i, j
     cdef double rest
-    if beside.shape[0] != N - 1 or beside.shape[1] != n or moving.shape[0] != N or blocks.shape[2] != n:
+    if np.shape(blocks) != (N, n, n) or np.shape(beside) != (N - 1, n, n) or moving.shape[0] != N:
         raise InputError(f"blocks must be of {N} way points of {n} joints")
     found = np.zeros((N * n, 2 * n))
     cdef double[:, ::1] band = found
