@@ -225,7 +225,7 @@ CALLS = {
     "laws.fastest": lambda t: [numbers(4), t.boxes, numbers(6), numbers(5)],
     "laws.ceilings": lambda t: [numbers(4), numbers(4), numbers(4), indices(2, 4)],
     "laws.drive": lambda t: [np.arange(5.0), numbers(4), numbers(4), numbers(5), 0.5, 0.1, 0.5, 0.1],
-    "laws.braking_squares": lambda t: [1, 3, numbers(4), t.boxes, numbers(6)],
+    "laws.squared_velocities_of_stop": lambda t: [1, 3, numbers(4), t.boxes, numbers(6)],
     "laws.time_left": lambda t: [numbers(4), t.boxes, numbers(6), indices(1, 1, 3, 3), numbers(4, 2), numbers(4, 2)],
     "laws.derivatives": lambda t: [np.arange(4.0), numbers(3, 5, 6), indices(0, 2), numbers(2)],
     "laws.derivative_ranges": lambda t: [np.arange(4.0), numbers(3, 5, 6), indices(0, 2), np.arange(3.0)],

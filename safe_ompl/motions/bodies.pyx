@@ -92,18 +92,18 @@ cdef class BodyCorners:
 
 
 def acceleration_bounds(
-    const double[:, ::1] radii, turned, const double[:, ::1] steps, const double[:, ::1] bends
+    const double[:, ::1] radii, turned, const double[:, ::1] dq_ds, const double[:, ::1] d2q_ds2
 ):
     """Return bounds (N, G) of ‖x″‖ of every point of G bodies along a curve, by arc length; see `BodySpeeds`.
 
-    R̄ of the m joints of the model are `radii: (G, m)`, `turned` says which of them turn each body; `steps` and
-    `bends`, (N, m), are bounds of their |q′| and |q″|.
+    R̄ of the m joints of the model are `radii: (G, m)`, `turned` says which of them turn each body; `dq_ds` and
+    `d2q_ds2`, (N, m), are bounds of their |q′| and |q″|.
     """
     cdef const unsigned char[:, ::1] turns = np.ascontiguousarray(turned, dtype=np.bool_).view(np.uint8)
-    cdef Py_ssize_t N = steps.shape[0], m = steps.shape[1], G = radii.shape[0], k, g, j
+    cdef Py_ssize_t N = dq_ds.shape[0], m = dq_ds.shape[1], G = radii.shape[0], k, g, j
     cdef double below, turn, bound
     _check_shape("radii", radii, G, m)
-    _check_shape("bends", bends, N, m)
+    _check_shape("d2q_ds2", d2q_ds2, N, m)
     if turns.shape[0] != G or turns.shape[1] != m:
         raise InputError(f"turned must have shape ({G}, {m}), got ({turns.shape[0]}, {turns.shape[1]})")
     found = np.zeros((N, G))
@@ -113,8 +113,8 @@ def acceleration_bounds(
             for g in range(G):
                 below, bound = 0.0, 0.0
                 for j in range(m):
-                    turn = steps[k, j] if turns[g, j] else 0.0
-                    bound += radii[g, j] * (steps[k, j] * (2 * below + turn) + bends[k, j])
+                    turn = dq_ds[k, j] if turns[g, j] else 0.0
+                    bound += radii[g, j] * (dq_ds[k, j] * (2 * below + turn) + d2q_ds2[k, j])
                     below += turn
                 bounds[k, g] = bound
     return found
@@ -167,14 +167,14 @@ cdef class ClosingGaps:
         return ClosingGaps, self._given
 
     def rates(
-        self, const double[:, ::1] values, const double[::1] sizes, const double[:, ::1] slopes,
+        self, const double[:, ::1] values, const double[::1] sizes, const double[:, ::1] dq_ds,
         const double[:, ::1] bodies,
     ):
         """Return how fast gaps of each body close in which limbs of each width may fit, by arc length (N, G, K).
 
         In [m/rad]. Gaps that close at a harmless rate do not count. Distances are asked only of those that close faster
         than another of the body in which the limb fits. The `values: (N, m)` of the joints are those in the middle of
-        cells of these sizes (N,); `slopes: (N, m)` are bounds of their |q′|, and `bodies: (N, G + 1)` of the speeds of
+        cells of these sizes (N,); `dq_ds: (N, m)` are bounds of their |q′|, and `bodies: (N, G + 1)` of the speeds of
         the bodies that move, with a column of 0 last.
         """
         cdef Py_ssize_t N = values.shape[0], m = self.joints.m, G = bodies.shape[1] - 1, K = self.widths.shape[0]
@@ -183,7 +183,7 @@ cdef class ClosingGaps:
         cdef Bodies placed = self.shapes.data
         cdef Search search
         _check_shape("values", values, N, m)
-        _check_shape("slopes", slopes, N, m)
+        _check_shape("dq_ds", dq_ds, N, m)
         _check_shape("bodies", bodies, N, G + 1)
         if sizes.shape[0] != N:
             raise InputError(f"sizes must have {N} rows, got {sizes.shape[0]}")
@@ -205,7 +205,7 @@ cdef class ClosingGaps:
                 for p in range(P):
                     g, rate, a, b = self.sides[p, 0], 0.0, self.pairs[p, 0], self.pairs[p, 1]
                     for i in range(m):
-                        rate += self.radii[p, i] * slopes[row, i]
+                        rate += self.radii[p, i] * dq_ds[row, i]
                     rate = min(rate, bodies[row, g] + bodies[row, self.sides[p, 1]])
                     half, apart = 0.5 * sizes[row] * rate, -INFINITY
                     for k in range(K - 1, -1, -1):

@@ -104,7 +104,7 @@ class ContactLimits:
         self._gaps = ClosingGaps(*tables, np.sort(pair_bodies, axis=1), sides[pair_bodies], radii, widths, harmless)
 
     def speeds(
-        self, Q: FloatArray, sizes: FloatArray, slopes: FloatArray, bodies: FloatArray
+        self, Q: FloatArray, sizes: FloatArray, dq_ds: FloatArray, bodies: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the largest ṡ (N, G, M) with which body g may touch limb m in a cell, and the same if none is clamped.
 
@@ -116,7 +116,7 @@ class ContactLimits:
             return np.minimum(self.bears_clamped / np.maximum(bodies, _NEGLIGIBLE_SPEED)[:, :, None], free), free
         speeds = np.zeros((len(Q), bodies.shape[1] + 1))
         speeds[:, :-1] = bodies
-        values, reach = plain(self._coupling.values(Q)), plain(self._coupling.reach(slopes))
+        values, reach = plain(self._coupling.values(Q)), plain(self._coupling.reach(dq_ds))
         rates = self._gaps.rates(values, plain(sizes), reach, speeds)
         slow = self.bears_clamped / np.maximum(rates, _NEGLIGIBLE_SPEED)[:, :, self._width_of]
         return np.minimum(slow, free), free

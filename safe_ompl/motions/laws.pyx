@@ -35,10 +35,10 @@ cdef double ROUNDING = 16.0 * 2.0**-52
 
 # Boxes of q′ and q″ over N cells, each (N, n).
 cdef struct Derivatives:
-    const double *slope_low
-    const double *slope_high
-    const double *bend_low
-    const double *bend_high
+    const double *dq_ds_low
+    const double *dq_ds_high
+    const double *d2q_ds2_low
+    const double *d2q_ds2_high
     Py_ssize_t n
 
 
@@ -52,24 +52,19 @@ cdef struct Range:
 
 def stopping_speeds(
     const double[::1] sizes, const double[::1] brakes, const double[:, ::1] times, const double[:, ::1] harmless,
-    const double[::1] caps, const Py_ssize_t[::1] ends,
+    const double[::1] velocity_limits, const Py_ssize_t[::1] ends,
 ):
     """Return the largest ṡ (N,) of each cell; for which of M bodies, and in which cell, it is bounded (−1: none).
 
     Last comes whether (N,) u bounds it, rather than τ: `times` and `harmless`, (N, M) each. Of cells `brakes` are b,
-    `caps` what ṡ keeps to for other reasons, `ends` the cells behind which the robot next stops in any case.
+    `velocity_limits` what ṡ keeps to for other reasons, `ends` the cells behind which the robot next stops in any case.
     """
     cdef Py_ssize_t N = times.shape[0], M = times.shape[1], j, k, m, _
     cdef double room, brake, gone, latest, limit, square, good, bad, middle
-    _check_rows("sizes", sizes.shape[0], N)
+    _check_limbs(sizes, times, harmless, ends)
     _check_rows("brakes", brakes.shape[0], N)
-    _check_rows("harmless", harmless.shape[0], N)
-    _check_rows("caps", caps.shape[0], N)
-    _check_rows("ends", ends.shape[0], N)
-    if harmless.shape[1] != M:
-        raise InputError(f"times and harmless must be of as many bodies each, got {M} and {harmless.shape[1]}")
-    _check_indices("ends", ends, N)
-    found, bodies, places = np.array(caps), np.full(N, -1, np.intp), np.full(N, -1, np.intp)
+    _check_rows("velocity_limits", velocity_limits.shape[0], N)
+    found, bodies, places = np.array(velocity_limits), np.full(N, -1, np.intp), np.full(N, -1, np.intp)
     is_slow = np.zeros(N, np.bool_)
     cdef double[::1] speeds = found
     cdef Py_ssize_t[::1] body = bodies
@@ -92,7 +87,7 @@ def stopping_speeds(
                     gone += 2 * weakest[k - 1] * sizes[k - 1]
                 if k > j and speeds[j] * speeds[j] <= gone:
                     break
-                speeds[j] = min(speeds[j], sqrt(gone + caps[k] * caps[k]))
+                speeds[j] = min(speeds[j], sqrt(gone + velocity_limits[k] * velocity_limits[k]))
                 weakest[k] = min(weakest[k - 1], brakes[k]) if k > j else brakes[k]
                 latest = INFINITY
                 for m in range(M):
@@ -191,8 +186,8 @@ cdef Range _next_range(
     for i in range(boxes.n):
         limit, at = limits[i] * (1 - TIGHTER), boxes.n * k + i
         for side in range(4):
-            p = half * (boxes.slope_low[at] if side < 2 else boxes.slope_high[at])
-            c = boxes.bend_low[at] if side % 2 == 0 else boxes.bend_high[at]
+            p = half * (boxes.dq_ds_low[at] if side < 2 else boxes.dq_ds_high[at])
+            c = boxes.d2q_ds2_low[at] if side % 2 == 0 else boxes.d2q_ds2_high[at]
             for end in range(2):
                 # At the start of the cell p·y + (c − p)·x is bounded, at its end (p + c)·y − p·x.
                 factor = p if end == 0 else p + c
@@ -260,20 +255,20 @@ cdef int _write_boxes(boxes, Py_ssize_t N, Py_ssize_t n, Derivatives *found) exc
         if box.shape[0] != N or box.shape[1] != n:
             raise InputError(f"boxes must have shape ({N}, {n}), got ({box.shape[0]}, {box.shape[1]})")
         begin[k] = &box[0, 0] if N * n else NULL
-    found.slope_low, found.slope_high, found.bend_low, found.bend_high = begin[0], begin[1], begin[2], begin[3]
+    found.dq_ds_low, found.dq_ds_high, found.d2q_ds2_low, found.d2q_ds2_high = begin
     found.n = n
     return 0
 
 
 def ceilings(
-    const double[::1] sizes, const double[::1] squares, const double[::1] brakes, const Py_ssize_t[::1] stops
+    const double[::1] sizes, const double[::1] squared_limits, const double[::1] brakes, const Py_ssize_t[::1] stops
 ):
     """Return c (N + 1,) at the ends of cells: from ṡ² ≤ c every stop of the path, at edges `stops`, is reached.
 
-    In a cell ṡ² keeps to X, `squares`, and |s̈| to b, `brakes`; before s_(j+1) it is c_(j+1) + 2b_j (s_(j+1) − s).
+    In a cell ṡ² keeps to X, `squared_limits`, and |s̈| to b, `brakes`; before s_(j+1) it is c_(j+1) + 2b_j (s_(j+1) − s).
     """
     cdef Py_ssize_t N = sizes.shape[0], j, k
-    _check_rows("squares", squares.shape[0], N)
+    _check_rows("squared_limits", squared_limits.shape[0], N)
     _check_rows("brakes", brakes.shape[0], N)
     most = np.zeros(N + 1)
     cdef double[::1] found = most
@@ -282,25 +277,25 @@ def ceilings(
             for k in range(stops.shape[0]):
                 if stops[k] == j + 1:
                     found[j + 1] = 0.0
-            found[j] = min(squares[j], found[j + 1] + 2 * brakes[j] * sizes[j])
+            found[j] = min(squared_limits[j], found[j + 1] + 2 * brakes[j] * sizes[j])
             if j:
-                found[j] = min(found[j], squares[j - 1])
+                found[j] = min(found[j], squared_limits[j - 1])
     return most
 
 
 def drive(
-    const double[::1] edges, const double[::1] squares, const double[::1] brakes, const double[::1] ceiling, double s,
-    double x, double push, double tick,
+    const double[::1] edges, const double[::1] squared_limits, const double[::1] brakes, const double[::1] ceiling, double s,
+    double x, double acceleration_share, double tick,
 ):
     """Return a motion of one tick [s] from (s, ṡ² = x), and the stop after it: cells (W,), s, x and t (W + 1,).
 
-    In the tick it accelerates by `push`·b, −1 ≤ push ≤ 1, as far as X and the ceiling let it; then by −b until it
-    stands. W is 0 if it stands already, and stays so.
+    In the tick the path acceleration is `acceleration_share`·b, a share from −1 to 1, as far as X and the ceiling let it.
+    Then it is −b until the robot stands. W is 0 if the robot stands already, and stays so.
     """
     cdef Py_ssize_t N = brakes.shape[0], most = 4 * N + 8, n = 0, k = 0
     cdef bint ticking = True
     cdef double t = 0.0, h, b, along, y, line, a, speeds, span, rest, v
-    _check_rows("squares", squares.shape[0], N)
+    _check_rows("squared_limits", squared_limits.shape[0], N)
     _check_rows("edges", edges.shape[0], N + 1)
     _check_rows("ceiling", ceiling.shape[0], N + 1)
     visited, states = np.empty(most, dtype=np.intp), np.empty((3, most + 1))
@@ -319,11 +314,11 @@ def drive(
             along, y = h, 0.0
             if ticking:
                 line = ceiling[k + 1] + 2 * b * h
-                a = push * b
+                a = acceleration_share * b
                 if x >= line * (1 - ON_LIMIT):
                     a = -b
                     y = min(ceiling[k + 1], x)
-                elif a > 0.0 and x >= squares[k] * (1 - ON_LIMIT):
+                elif a > 0.0 and x >= squared_limits[k] * (1 - ON_LIMIT):
                     a = 0.0
                     along = max(min(h, h - (x - ceiling[k + 1]) / (2 * b)), 0.0)
                     y = x
@@ -331,7 +326,7 @@ def drive(
                     if a + b > 0.0:
                         along = min(along, (line - x) / (2 * (a + b)))
                     if a > 0.0:
-                        along = min(along, (squares[k] - x) / (2 * a))
+                        along = min(along, (squared_limits[k] - x) / (2 * a))
                     elif a < 0.0:
                         along = min(along, x / (-2 * a))
                     y = max(x + 2 * a * along, 0.0)
@@ -373,7 +368,7 @@ cdef inline double _braked(
     return found.low if found.low <= found.high else x
 
 
-def braking_squares(
+def squared_velocities_of_stop(
     Py_ssize_t first, Py_ssize_t last, const double[::1] sizes, boxes, const double[::1] limits
 ):
     """Return x at the edges from the start of cell `first` on, 1 there, until it is not above 0 or behind `last`."""
@@ -382,8 +377,8 @@ def braking_squares(
     _write_boxes(boxes, N, limits.shape[0], &derivatives)
     if not (0 <= first and last < N):
         raise InputError(f"there are {N} cells, and none from {first} to {last}")
-    squares = np.empty(max(last - first, -1) + 2)
-    cdef double[::1] found = squares
+    squared = np.empty(max(last - first, -1) + 2)
+    cdef double[::1] found = squared
     found[0] = 1.0
     with nogil:
         for k in range(first, last + 1):
@@ -391,7 +386,7 @@ def braking_squares(
             n += 1
             if found[n - 1] <= 0.0:
                 break
-    return squares[:n].copy()
+    return squared[:n].copy()
 
 
 def time_left(
@@ -406,12 +401,7 @@ def time_left(
     cdef double x, y, span
     cdef Derivatives derivatives
     _write_boxes(boxes, N, limits.shape[0], &derivatives)
-    _check_rows("sizes", sizes.shape[0], N)
-    _check_rows("ends", ends.shape[0], N)
-    _check_rows("harmless", harmless.shape[0], N)
-    if harmless.shape[1] != M:
-        raise InputError(f"times and harmless must be of as many limbs each, got {M} and {harmless.shape[1]}")
-    _check_indices("ends", ends, N)
+    _check_limbs(sizes, times, harmless, ends)
     least, limbs, cells = np.full(N, np.inf), np.full(N, -1, np.intp), np.full(N, -1, np.intp)
     entries, durations = np.zeros(N), np.empty(N)
     cdef double[::1] left = least
@@ -524,6 +514,19 @@ cdef inline double _factor(Py_ssize_t p, Py_ssize_t order) noexcept nogil:
     for f in range(order):
         factor *= p + order - f
     return factor
+
+
+cdef int _check_limbs(
+    const double[::1] sizes, const double[:, ::1] times, const double[:, ::1] harmless, const Py_ssize_t[::1] ends
+) except -1:
+    """Raise InputError unless there are sizes and ends of all N cells, and both tables are of the same limbs in them."""
+    cdef Py_ssize_t N = times.shape[0]
+    _check_rows("sizes", sizes.shape[0], N)
+    _check_rows("harmless", harmless.shape[0], N)
+    _check_rows("ends", ends.shape[0], N)
+    if harmless.shape[1] != times.shape[1]:
+        raise InputError(f"times and harmless must be of the same limbs, got {times.shape[1]} and {harmless.shape[1]}")
+    return _check_indices("ends", ends, N)
 
 
 cdef int _check_pieces(

@@ -26,7 +26,7 @@ from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.motions.caps import Standstill, StandstillError, bending_cap, braking
 from safe_ompl.motions.cells import BodySpeeds, Cells, divided_edges
 from safe_ompl.motions.contact import CLAMPING, CONTACT, SEPARATION
-from safe_ompl.motions.laws import braking_squares, stopping_speeds, time_left
+from safe_ompl.motions.laws import squared_velocities_of_stop, stopping_speeds, time_left
 from safe_ompl.motions.limits import RATE_TOLERANCE, RateLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.separation import PeopleDistances, SeparationBounds
@@ -86,7 +86,7 @@ class Stops:
         begin = float(np.clip(time, edges[0], edges[-1]))
         j = int(np.clip(np.searchsorted(edges, begin, side="right") - 1, 0, len(self.cells) - 1))
         end = int(self.cells.last_before_stop[j])
-        squared_speeds = braking_squares(j + 1, end, self.cells.sizes, self.cells.boxes, self.accelerations)
+        squared_speeds = squared_velocities_of_stop(j + 1, end, self.cells.sizes, self.cells.boxes, self.accelerations)
         at = edges[j + 1 : j + 1 + len(squared_speeds)].copy()
         if squared_speeds[-1] < 0.0:
             at[-1] -= np.diff(at[-2:])[0] * squared_speeds[-1] / (squared_speeds[-1] - squared_speeds[-2])
