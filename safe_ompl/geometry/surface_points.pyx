@@ -87,20 +87,27 @@ cdef object _capsule_rings(double radius, double length, double spacing):
 
 
 cdef void _write_frame(const double *axis, double length, double (*frame)[3]) noexcept nogil:
-    """Write the rotation (3, 3) that takes z to an axis on the shortest way; of no length: none."""
+    """Write the rotation (3, 3) that takes z to an axis on the shortest way; of no length: none.
+
+    With the unit axis (x, y, z) it is I + [v]× + [v]×²/(1 + z), v = (−y, x, 0). Where z < 0 the sum 1 + z loses its
+    digits, and is computed as (x² + y²)/(1 − z).
+    """
     cdef Py_ssize_t a, b
-    cdef double x, y, z
+    cdef double x, y, z, across, above
     for a in range(3):
         for b in range(3):
             frame[a][b] = 1.0 if a == b else 0.0
     if length == 0.0:
         return
     x, y, z = axis[0] / length, axis[1] / length, axis[2] / length
-    if z < -1.0 + 1e-12:
+    across = x * x + y * y
+    # The square of a smaller number would have lost its digits.
+    if z < 0.0 and across < 1e-300:
         frame[1][1] = frame[2][2] = -1.0
         return
-    frame[0][0], frame[0][1], frame[0][2] = 1.0 - x * x / (1.0 + z), -x * y / (1.0 + z), x
-    frame[1][0], frame[1][1], frame[1][2] = frame[0][1], 1.0 - y * y / (1.0 + z), y
+    above = across / (1.0 - z) if z < 0.0 else 1.0 + z
+    frame[0][0], frame[0][1], frame[0][2] = 1.0 - x * x / above, -x * y / above, x
+    frame[1][0], frame[1][1], frame[1][2] = frame[0][1], 1.0 - y * y / above, y
     frame[2][0], frame[2][1], frame[2][2] = -x, -y, z
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from safe_ompl.geometry.convex import BODY, NODE, ShapeTable, extreme_vertices
+from safe_ompl.geometry.surface_points import capsule_points
 
 
 def hull(vertices, grid=0):
@@ -78,3 +79,14 @@ def test_the_extreme_vertex_is_in_the_list_of_its_cell(rng, number, grid):
     on_borders = np.array(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3)).reshape(3, -1).T
     for direction in (*rng.normal(size=(1000, 3)), *on_borders):
         assert table.support(0, direction) @ direction >= (vertices @ direction).max() - 1e-15
+
+
+# ------------------------------------------------------------------------------------------------ points on surfaces
+
+
+@pytest.mark.parametrize("tilt", [0.0, 1e-160, 1e-9, 1e-6, 2e-6, 1e-5, 1e-3, 1.0])
+def test_points_of_a_capsule_that_points_down_are_on_it(tilt):
+    start, axis, radius = np.array([0.1, 0.2, 1.3]), np.array([0.2 * tilt, -0.1 * tilt, -0.5]), 0.05
+    points = capsule_points(start[None], (start + axis)[None], np.array([radius]), 0.02)
+    along = np.clip((points - start) @ axis / (axis @ axis), 0.0, 1.0)
+    np.testing.assert_allclose(np.linalg.norm(points - start - along[:, None] * axis, axis=1), radius, atol=1e-13)
