@@ -20,6 +20,13 @@ def python_of(file: Path) -> str:
     return "\n".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL))
 
 
+def supported_versions() -> dict[str, tuple[str, str]]:
+    """Return the table of supported versions in CONTRIBUTING.md: of each package the oldest, and the first too new."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\w+).*? \| ([\d.]+) \| ([\d.]*) ?\| (?:`(\w+)` )?\|$", text, re.MULTILINE)
+    return {(package or name).lower(): (low, below) for name, low, below, package in rows}
+
+
 def commands_of(text: str) -> list[list[str]]:
     """Return the words of the commands that a page shows, from `safe-ompl` or `python examples/…` on."""
     lines = re.findall(r"^(?:    |\$ )(.*)$", text, re.MULTILINE)

@@ -1,11 +1,16 @@
 """What `import safe_ompl` offers, and what it leaves for later."""
 
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+from snippets import PAGES, supported_versions
 
 import safe_ompl
+
+ROOT = Path(__file__).parent.parent
 
 
 def test_every_public_name_is_there():
@@ -91,3 +96,22 @@ def test_who_plans_imports_nothing_of_motions_in_time_or_of_people():
     others = {name for name in loaded if name.startswith(tuple(f"safe_ompl.{package}." for package in packages))}
     assert others == {"safe_ompl.motions.constraints"}
     assert not loaded & {"multiprocessing", "concurrent.futures", "difflib", "statistics"}
+
+
+def test_all_files_have_the_supported_versions_of_one_table():
+    python, *packages = supported_versions().items()
+    text = {name: (ROOT / name).read_text(encoding="utf-8") for name in ("pyproject.toml", "recipe/recipe.yaml")}
+    low, below = python[1]
+    assert f'requires-python = ">={low},<{below}"' in text["pyproject.toml"]
+    minors = [f"3.{minor}" for minor in range(int(low[2:]), int(below[2:]))]
+    workflow = (ROOT / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8")
+    assert set(re.findall(r"python: (\[.*\])", workflow)) == {str(minors).replace("'", '"')}
+    assert " ".join(f"cp{minor.replace('.', '')}-*" for minor in minors) in text["pyproject.toml"]
+    for page in PAGES:
+        named = re.findall(r"Python (3\.\d+) to (3\.\d+)", page.read_text(encoding="utf-8"))
+        assert set(named) <= {(minors[0], minors[-1])}, page
+    assert [name for name, _ in packages] == ["numpy", "ompl", "pin", "coal", "cython"]
+    for name, (low, below) in packages:
+        bounds = f">={low}" + (f",<{below}" if below else "")
+        assert re.search(rf'"{name}{bounds}"', text["pyproject.toml"], re.IGNORECASE)
+        assert f"- {'pinocchio' if name == 'pin' else name} {bounds}\n" in text["recipe/recipe.yaml"]

@@ -119,7 +119,7 @@ def test_stops_and_pushes_are_as_fast_as_their_bounds():
         ({"sizes": np.ones(39)}, "sizes must have 40 rows, got 39"),
         ({"limits": np.ones(5)}, r"boxes must have shape \(40, 5\), got \(40, 6\)"),
         ({"boxes": (np.ones((40, 6)),)}, "boxes must be four arrays, got 1"),
-        ({"harmless": np.ones((40, 2))}, "times and harmless must be of as many limbs each, got 3 and 2"),
+        ({"harmless": np.ones((40, 2))}, "times and harmless must be of the same limbs, got 3 and 2"),
     ],
 )
 def test_tables_that_do_not_fit_are_refused(change, message):
