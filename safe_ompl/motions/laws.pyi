@@ -3,7 +3,12 @@ from collections.abc import Sequence
 from safe_ompl.common import BoolArray, FloatArray, IntArray
 
 def stopping_speeds(
-    sizes: FloatArray, brakes: FloatArray, times: FloatArray, harmless: FloatArray, velocity_limits: FloatArray, ends: IntArray
+    sizes: FloatArray,
+    brakes: FloatArray,
+    times: FloatArray,
+    harmless: FloatArray,
+    velocity_limits: FloatArray,
+    ends: IntArray,
 ) -> tuple[FloatArray, IntArray, IntArray, BoolArray]: ...
 def spread(edges: FloatArray, radii: FloatArray, stops: IntArray, values: FloatArray, width: float) -> FloatArray: ...
 def fastest(sizes: FloatArray, boxes: Sequence[FloatArray], limits: FloatArray, most: FloatArray) -> FloatArray: ...
