@@ -65,6 +65,15 @@ class CollisionChecker:
         The P pairs that may touch.
     links : tuple of str
         The link of each of the robot's bodies.
+
+    Examples
+    --------
+    >>> robot = Robot.from_example("ur5")
+    >>> checker = CollisionChecker(robot, Scene([Obstacle("ball", Sphere(0.1), Pose([0.5, 0.1, 0.5]))]))
+    >>> checker.in_collision([0.9, -1.2, 1.4, -1.8, -1.57, 0.0])
+    False
+    >>> checker.clearance([0.9, -1.2, 1.4, -1.8, -1.57, 0.0]).obstacle
+    'ball'
     """
 
     def __init__(

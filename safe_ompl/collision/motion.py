@@ -43,7 +43,13 @@ Interval: TypeAlias = tuple[float, float]  # centre and half-length, fractions o
 
 
 class Verdict(Enum):
-    """Result of checking an edge. Only FREE edges may be driven."""
+    """Result of checking an edge. Only FREE edges may be driven.
+
+    Examples
+    --------
+    >>> Verdict.FREE is Verdict("free")
+    True
+    """
 
     FREE = "free"
     BLOCKED = "blocked"
@@ -110,6 +116,13 @@ class MotionProver:
         What else must be proven of a motion that is free, such as a `DangerLimit`.
     stop : callable
         Says when time is up: what is not proven until then stays undecided.
+
+    Examples
+    --------
+    >>> robot = Robot.from_example("ur5")
+    >>> prover = MotionProver(CollisionChecker(robot, Scene()))
+    >>> prover.is_free([0.9, -1.2, 1.4, -1.8, -1.57, 0.0], [-0.9, -1.2, 1.4, -1.8, -1.57, 0.0])
+    True
     """
 
     checker: CollisionChecker

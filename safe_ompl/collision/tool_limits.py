@@ -95,6 +95,14 @@ class ToolOrientation(ToolLimit):
     |dq_j|, with β_j the largest angle (up to 90°) that the axis of joint j can have with it: nothing where a wrist
     turns about the axis itself. Joints that slide turn nothing; mimic joints count with their multipliers. No joint
     limit is used.
+
+    Examples
+    --------
+    >>> robot = Robot.from_example("ur5")
+    >>> q = [0.0, -1.2, 1.4, -1.8, -1.57, 0.0]
+    >>> axis = robot.tip_pose(q).rotation.T @ [0.0, 0.0, 1.0]
+    >>> ToolOrientation(robot, axis=axis, direction=[0, 0, 1], angle=0.5).allows(q)
+    True
     """
 
     name = "tool orientation"
@@ -135,6 +143,12 @@ class TipBounds(ToolLimit):
         The robot.
     lower, upper : array_like, shape (3,)
         Opposite corners of the box [m], the lower one below the upper one; infinite where there is no wall.
+
+    Examples
+    --------
+    >>> robot = Robot.from_example("ur5")
+    >>> TipBounds(robot, [-1.0, -1.0, 0.2], [1.0, 1.0, 0.9]).allows([0.0, -1.2, 1.4, -1.8, -1.57, 0.0])
+    True
     """
 
     name = "tip position"

@@ -37,7 +37,16 @@ def told_apart(value: float, *others: float) -> tuple[str, ...]:
 
 
 class SafeOmplError(Exception):
-    """Base class of all errors that safe_ompl raises on purpose."""
+    """Base class of all errors that safe_ompl raises on purpose.
+
+    Examples
+    --------
+    >>> try:
+    ...     Robot.from_example("pandas")
+    ... except SafeOmplError as error:
+    ...     print(type(error).__name__)
+    UnknownNameError
+    """
 
 
 class InputError(SafeOmplError, ValueError):
@@ -45,6 +54,12 @@ class InputError(SafeOmplError, ValueError):
 
     The message says what is wrong, with the offending value, and what would be right; `source` is the file (and key)
     that it came from, put before the message.
+
+    Examples
+    --------
+    >>> Box([0.8, -0.5, 0.03])
+    Traceback (most recent call last):
+    safe_ompl.common.errors.InputError: size: must be a finite number in (0, 10000], got -0.5
     """
 
     def __init__(self, message: str, source: str | None = None) -> None:
@@ -52,7 +67,14 @@ class InputError(SafeOmplError, ValueError):
 
 
 class UnknownNameError(InputError):
-    """A `name` of a `kind` ("joint") that does not exist, with the `known` ones; `source` as for `InputError`."""
+    """A `name` of a `kind` ("joint") that does not exist, with the `known` ones; `source` as for `InputError`.
+
+    Examples
+    --------
+    >>> Robot.from_example("pandas")
+    Traceback (most recent call last):
+    safe_ompl.common.errors.UnknownNameError: unknown example robot 'pandas'; did you mean 'panda'? known: ...
+    """
 
     def __init__(self, kind: str, name: object, known: Iterable[str], source: str | None = None) -> None:
         known = tuple(known)
@@ -74,19 +96,58 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
 
 
 class CollisionError(InputError):
-    """A start or goal configuration touches something, is nearer or more dangerous than allowed; says to what."""
+    """A start or goal configuration touches something, is nearer or more dangerous than allowed; says to what.
+
+    Examples
+    --------
+    >>> block = Obstacle("block", Box([0.2, 0.2, 2.0]), Pose([0.4, 0.1, 0.0]))
+    >>> setup = SafeSetup(Robot.from_example("ur5"), Scene([block]))
+    >>> setup.setStartConfiguration([0.0, -1.2, 1.4, -1.8, -1.57, 0.0])
+    Traceback (most recent call last):
+    safe_ompl.common.errors.CollisionError: start is in collision: 'forearm_link' touches 'block'
+    """
 
 
 class StaleSceneError(SafeOmplError):
-    """An object refers to an earlier placement of obstacles, and cannot follow them; says what to make anew."""
+    """An object refers to an earlier placement of obstacles, and cannot follow them; says what to make anew.
+
+    Examples
+    --------
+    >>> ball = Obstacle("ball", Sphere(0.1), Pose([0.5, 0.1, 0.9]))
+    >>> setup = SafeSetup(Robot.from_example("ur5"), Scene([ball]), movable=["ball"])
+    >>> setup.setConfigurations([0.9, -1.2, 1.4, -1.8, -1.57, 0.0], [1.2, -1.2, 1.4, -1.8, -1.57, 0.0])
+    >>> result = setup.plan(seed=0)
+    >>> setup.moveObstacle("ball", Pose([0.5, 0.2, 0.9]))
+    >>> result.timed(RateLimits.of(setup.robot, acceleration=8.0))
+    Traceback (most recent call last):
+    safe_ompl.common.errors.StaleSceneError: obstacles have moved since this was planned: ...
+    """
 
 
 class PlanningError(SafeOmplError):
-    """A planner violated its contract: it returned, for example, a path that the validator refuses."""
+    """A planner violated its contract: it returned, for example, a path that the validator refuses.
+
+    Examples
+    --------
+    >>> ball = Scene([Obstacle("ball", Sphere(0.1), Pose([0.5, 0.1, 0.5]))])
+    >>> path = [[0.9, -1.2, 1.4, -1.8, -1.57, 0.0], [-0.9, -1.2, 1.4, -1.8, -1.57, 0.0]]
+    >>> certificate(path, Robot.from_example("ur5"), ball)
+    Traceback (most recent call last):
+    safe_ompl.common.errors.PlanningError: it cannot be certified by plain means: 'wrist_1_link' and 'ball' ...
+    """
 
 
 class CertificateError(SafeOmplError):
-    """A certificate that does not hold; says where and why."""
+    """A certificate that does not hold; says where and why.
+
+    Examples
+    --------
+    >>> result = plan("planar2", seed=0)
+    >>> proof = certificate(result.path, result.robot, result.scene)
+    >>> verify({**proof, "digest": 64 * "0"})
+    Traceback (most recent call last):
+    safe_ompl.common.errors.CertificateError: every claim holds, but the file is not as it was written: ...
+    """
 
 
 @cache

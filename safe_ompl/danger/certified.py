@@ -47,6 +47,14 @@ class CertifiedDanger:
     field of every link at every danger point from above. Aggregates are monotone and convex in the fields, so that they
     inherit the bounds. The interval with the highest bound is halved until both agree within the tolerance, or the
     robot moves less than 0.1 mm in it.
+
+    Examples
+    --------
+    >>> field = DangerField(Robot.from_example("ur5"), [[0.8, 0.0, 0.5]])
+    >>> path = [[0.9, -1.2, 1.4, -1.8, -1.57, 0.0], [-0.9, -1.2, 1.4, -1.8, -1.57, 0.0]]
+    >>> bounds = CertifiedDanger(field).of_path(path)
+    >>> f"the peak is between {bounds.lower:.1f} and {bounds.upper:.1f}"
+    'the peak is between 17.6 and 18.3'
     """
 
     def __init__(self, field: DangerField) -> None:
@@ -70,6 +78,12 @@ class DangerLimit:
     """A danger that no configuration may exceed, > 0; proven along whole motions, as a limit of `MotionProver`.
 
     A motion that is nearer to the limit than about what the danger changes over 0.1 mm stays undecided.
+
+    Examples
+    --------
+    >>> limit = DangerLimit(DangerField(Robot.from_example("ur5"), [[0.8, 0.0, 0.5]]), 12.0)
+    >>> limit.allows([0.9, -1.2, 1.4, -1.8, -1.57, 0.0])
+    True
     """
 
     name = "danger"

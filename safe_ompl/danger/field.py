@@ -95,6 +95,14 @@ class DangerField:
 
     Any number of threads may ask at the same time, also while one of them moves the field; they share the `counts`,
     which may then lose some.
+
+    Examples
+    --------
+    >>> robot = Robot.from_example("ur5")
+    >>> field = DangerField(robot, [[0.8, 0.0, 0.5]])
+    >>> far, near = field.value([3.14, -1.2, 1.4, -1.8, -1.57, 0.0]), field.value([0.0, -1.2, 1.4, -1.8, -1.57, 0.0])
+    >>> bool(far < near)
+    True
     """
 
     def __init__(

@@ -35,6 +35,13 @@ class KinetostaticField:
     field : DangerField
         The static field: robot, danger points, weights, aggregate, weighting, k₁, k₂ and γ. With γ ≥ 1 motion never
         makes the danger less than at rest; with 0 it is the danger predicted k₂/k₁ ahead.
+
+    Examples
+    --------
+    >>> field = KinetostaticField(DangerField(Robot.from_example("ur5"), [[0.8, 0.0, 0.5]], k2=0.25))
+    >>> q = [0.0, -1.2, 1.4, -1.8, -1.57, 0.0]
+    >>> bool(field.value(q, [0.0] * 6) < field.value(q, [1.0] * 6))
+    True
     """
 
     def __init__(self, field: DangerField) -> None:

@@ -77,6 +77,11 @@ class PointCloud(Shape):
     distances come out smaller than they are by that much at most.
 
     The danger points are points of the cloud, thinned to the spacing.
+
+    Examples
+    --------
+    >>> PointCloud(radius=0.02, points=[[0.6, 0.1, 0.5], [0.62, 0.1, 0.5]])
+    PointCloud(radius=0.02, points=<2 points>)
     """
 
     kind: ClassVar[str] = "pointcloud"

@@ -50,6 +50,11 @@ class Obstacle:
     ------
     InputError
         If a value cannot be used; the message starts with its name.
+
+    Examples
+    --------
+    >>> Obstacle("pillar", Cylinder(0.1, 2.0), Pose([0.2, 0.8, 1.0]), weight=0.5).weight
+    0.5
     """
 
     name: str

@@ -203,6 +203,12 @@ class Person(Shape):
     -----
     The danger points lie on the surface: the field of a robot outside is harmonic inside the body, so its
     largest value over the body is on the surface. Those deep inside another limb are left out.
+
+    Examples
+    --------
+    >>> person = Person(height=1.7, keypoints={"right_hand": [0.4, -0.2, 1.1]})
+    >>> person.height, len(person.limbs())
+    (1.7, 19)
     """
 
     kind: ClassVar[str] = "person"

@@ -49,6 +49,11 @@ class Pose:
     ------
     InputError
         If a number is not finite, a position farther than 10 000 m away, or the quaternion is not of unit length.
+
+    Examples
+    --------
+    >>> Pose.from_rpy([0.5, 0.0, 0.4], [0.0, 0.0, 3.14]).position
+    (0.5, 0.0, 0.4)
     """
 
     position: tuple[float, ...] = (0.0, 0.0, 0.0)

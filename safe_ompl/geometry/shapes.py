@@ -136,6 +136,11 @@ class Box(Shape):
     ----------
     size : sequence of 3 float
         Edge lengths along x, y and z [m].
+
+    Examples
+    --------
+    >>> Box([0.8, 0.5, 0.03]).size
+    (0.8, 0.5, 0.03)
     """
 
     kind: ClassVar[str] = "box"
@@ -195,6 +200,11 @@ class Sphere(_Revolved):
     ----------
     radius : float
         Radius [m].
+
+    Examples
+    --------
+    >>> Sphere(0.15)
+    Sphere(radius=0.15)
     """
 
     kind: ClassVar[str] = "sphere"
@@ -216,6 +226,11 @@ class Cylinder(_Revolved):
         Radius [m].
     length : float
         Length from one flat end to the other [m].
+
+    Examples
+    --------
+    >>> Cylinder(radius=0.1, length=2.0)
+    Cylinder(radius=0.1, length=2.0)
     """
 
     kind: ClassVar[str] = "cylinder"
@@ -241,6 +256,11 @@ class Capsule(_Revolved):
         Radius [m].
     length : float
         Length of the cylinder alone, that is, between the centres of the half balls [m].
+
+    Examples
+    --------
+    >>> Capsule(radius=0.03, length=0.8)
+    Capsule(radius=0.03, length=0.8)
     """
 
     kind: ClassVar[str] = "capsule"
@@ -266,6 +286,12 @@ class Mesh(Shape):
     convex : bool, optional
         True: the solid convex hull. False: the triangles themselves, which are hollow: a link that is wholly
         inside does not collide.
+
+    Examples
+    --------
+    >>> Mesh("missing.stl", scale=[0.001, 0.001, 0.001])
+    Traceback (most recent call last):
+    safe_ompl.common.errors.InputError: file: 'missing.stl' does not exist
     """
 
     kind: ClassVar[str] = "mesh"

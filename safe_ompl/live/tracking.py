@@ -34,7 +34,14 @@ _LEAST_GRID_EDGE = 0.01  # [m]
 
 @dataclass(frozen=True)
 class Tracker(Section):
-    """How a person is tracked."""
+    """How a person is tracked.
+
+    Examples
+    --------
+    >>> from safe_ompl.live import find_skeleton
+    >>> Tracker(find_skeleton("coco17"), noise=0.02).noise
+    0.02
+    """
 
     # The key points that the sensor measures.
     skeleton: Skeleton
@@ -246,6 +253,11 @@ class Surroundings:
     ------
     InputError
         If an object is no obstacle of the scene, or a person, too.
+
+    Examples
+    --------
+    >>> from safe_ompl.live import find_skeleton
+    >>> around = Surroundings(Scene(), {"anna": Tracker(find_skeleton("coco17"))}, people=People(speed=1.6))
     """
 
     def __init__(

@@ -55,7 +55,17 @@ class Standstill:
 
 
 class StandstillError(SafeOmplError):
-    """No speed along a path is allowed somewhere; `standstill` says where and why."""
+    """No speed along a path is allowed somewhere; `standstill` says where and why.
+
+    Examples
+    --------
+    >>> robot, anna = Robot.from_example("ur5"), Obstacle("anna", Person(), Pose([0.75, 0.0, -0.75]))
+    >>> prover = MotionProver(CollisionChecker(robot, Scene([anna])))
+    >>> path = [[0.9, -1.2, 1.4, -1.8, -1.57, 0.0], [-0.9, -1.2, 1.4, -1.8, -1.57, 0.0]]
+    >>> time_path(path, robot, RateLimits.of(robot, acceleration=8.0), motion=prover, people=People(speed=1.6))
+    Traceback (most recent call last):
+    safe_ompl.motions.caps.StandstillError: nothing allows the robot to move at 0.401 rad of its path: 'anna' ...
+    """
 
     def __init__(self, standstill: Standstill) -> None:
         super().__init__(

@@ -54,6 +54,14 @@ class Constraints:
     `separation` is the distances from obstacles, at rest or moving; `danger` the largest one; `tool` limits orientation
     and place of the tool; `user` is the user's own state validity checker, which nothing can be proven of. A minimum
     clearance `from_dangerous` [m], with its exempt pairs, is kept from whatever is dangerous, in any scene.
+
+    Examples
+    --------
+    >>> ball = Obstacle("ball", Sphere(0.1), Pose([0.5, 0.1, 0.5]))
+    >>> checker = CollisionChecker(Robot.from_example("ur5"), Scene([ball]))
+    >>> constraints = Constraints().with_min_clearance(checker, 0.05, ["ball"])
+    >>> constraints.separation.min_clearance is not None
+    True
     """
 
     separation: Separation = TOUCHING_ONLY

@@ -46,6 +46,12 @@ class RateLimits:
     ------
     InputError
         If a limit is missing, or absurd: negative, a velocity of 1000 rad/s; names the joint.
+
+    Examples
+    --------
+    >>> limits = RateLimits.of(Robot.from_example("ur5"), acceleration=8.0)
+    >>> limits.acceleration
+    array([8., 8., 8., 8., 8., 8.])
     """
 
     joint_names: tuple[str, ...]

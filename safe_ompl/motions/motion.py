@@ -57,6 +57,12 @@ class Motion:
     InputError
         If a shape is wrong, a number is not finite, times do not increase, names repeat, the degree is above 15, or
         the position jumps by more than 1e-6 from one piece to the next.
+
+    Examples
+    --------
+    >>> motion = Motion.hermite([0.0, 1.0], [[0.0], [1.0]], [[0.0], [0.0]])
+    >>> motion.at([0.5])
+    array([[0.5]])
     """
 
     times: FloatArray

@@ -85,6 +85,13 @@ class PathTimer:
         If limits are missing or of other joints; if the tolerance is negative, or a speed not positive; if only one of
         `danger` and `max_danger` is given; if people are given and no motion; if `motion` has a tube, and speeds
         besides are limited; or if contact is allowed and the jerk limited.
+
+    Examples
+    --------
+    >>> robot = Robot.from_example("ur5")
+    >>> timer = PathTimer(robot, RateLimits.of(robot, acceleration=8.0))
+    >>> timer.time([[0.0] * 6, [0.5] * 6]).duration < timer.time([[0.0] * 6, [1.0] * 6]).duration
+    True
     """
 
     def __init__(

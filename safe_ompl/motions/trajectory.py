@@ -92,6 +92,14 @@ class Trajectory:
         What the tip, and all points of all links, are no faster than [m/s].
     danger_field, max_danger : KinetostaticField and float, or None
         What the danger of the robot in motion keeps to.
+
+    Examples
+    --------
+    >>> robot = Robot.from_example("ur5")
+    >>> trajectory = time_path([[0.0] * 6, [0.5] * 6], robot, RateLimits.of(robot, acceleration=8.0))
+    >>> round(trajectory.duration, 2)
+    0.5
+    >>> position, velocity, acceleration = trajectory.at(0.25)
     """
 
     curve: Motion

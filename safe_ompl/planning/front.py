@@ -40,6 +40,13 @@ class Tradeoff:
         Of danger against length, rising: the least one that each path is best for.
     interrupted : bool
         Whether Ctrl-C ended the search.
+
+    Examples
+    --------
+    >>> front = tradeoff(setup_scenario("planar2"), time=2.0, seed=1)
+    >>> lengths = [result.report.length for result in front.results]
+    >>> lengths == sorted(lengths)
+    True
     """
 
     results: tuple[PlanResult, ...]

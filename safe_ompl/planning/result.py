@@ -62,6 +62,12 @@ class PlanResult:
         whatever they do.
     robot, scene, danger, motion : Robot, Scene, mapping, MotionProver; or None
         What was planned for, and what proved the path; results that come from other processes have none.
+
+    Examples
+    --------
+    >>> result = plan("planar2", seed=0)
+    >>> bool(result), result.planner, result.path.shape[1]
+    (True, 'SafeRRTConnect', 2)
     """
 
     status: str

@@ -78,6 +78,14 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
     ----------
     counts, field : Counts, DangerField or None
         Queries and field evaluations so far, and the danger.
+
+    Examples
+    --------
+    >>> robot = Robot.from_example("ur5")
+    >>> setup = SafeSetup(robot, Scene([Obstacle("post", Box([0.15, 0.15, 1.0]), Pose([0.45, 0.0, 0.4]), weight=1.0)]))
+    >>> setup.setConfigurations([0.9, -1.2, 1.4, -1.8, -1.57, 0.0], [-0.9, -1.2, 1.4, -1.8, -1.57, 0.0])
+    >>> bool(setup.plan("SafeRRTConnect", seed=0))
+    True
     """
 
     _simplification_time = 0.0

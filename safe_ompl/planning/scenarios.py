@@ -34,8 +34,7 @@ def plan(
     scenario cannot be used.
     """
     begin = perf_counter()
-    if not isinstance(scenario, scenes.Scenario):
-        scenario = scenes.Scenario.load(scenario)
+    scenario = _loaded(scenario)
     setup = setup_scenario(scenario)
     own = scenario.planners.get(planner, {})
     built = perf_counter() - begin
@@ -49,8 +48,26 @@ def plan(
     return replace(result, setup_time=built + result.setup_time)
 
 
-def setup_scenario(scenario: scenes.Scenario, robot: Robot | None = None) -> SafeSetup:
-    """Return a SafeSetup with the robot, scene, start and goals of a scenario."""
+def _loaded(scenario: scenes.Scenario | str | Path) -> scenes.Scenario:
+    return scenario if isinstance(scenario, scenes.Scenario) else scenes.Scenario.load(scenario)
+
+
+def setup_scenario(scenario: scenes.Scenario | str | Path, robot: Robot | None = None) -> SafeSetup:
+    """Return a `SafeSetup` with the robot, scene, start, goals and limits of a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or Path
+        The scenario, or the name or the file of one.
+    robot : Robot, optional
+        The robot, where it is built already.
+
+    Raises
+    ------
+    InputError
+        If the scenario cannot be used; the message names file, key and value.
+    """
+    scenario = _loaded(scenario)
     robot = robot or scenario.build_robot()
     # The goal is None if the steps of a program say where to go.
     start, goal = scenario.start_configuration(robot), scenario.goal

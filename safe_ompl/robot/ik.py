@@ -298,7 +298,9 @@ def inverse_kinematics(
 
     Examples
     --------
-    >>> inverse_kinematics(robot, [0.4, 0.1, 0.5], [0.0, 1.0, 0.0, 0.0])  # doctest: +SKIP
+    >>> q = inverse_kinematics(Robot.from_example("ur5"), [0.4, 0.1, 0.5], [0.0, 1.0, 0.0, 0.0])
+    >>> q.shape
+    (6,)
     """
     place, number = place_of(robot, position, rotation), whole_number("seeds", seeds, at_least=1)
     begin = np.random.default_rng(seed).uniform(robot.lower, robot.upper, (number, robot.n))

@@ -65,6 +65,12 @@ class GoalRegion(Section):
     ----------
     .. [1] D. Berenson, S. Srinivasa, J. Kuffner: Task space regions: a framework for pose-constrained manipulation
        planning. International Journal of Robotics Research, 2011.
+
+    Examples
+    --------
+    >>> region = GoalRegion(Pose([0.4, -0.3, 0.35]), x=(-0.1, 0.1), y=(-0.2, 0.2))
+    >>> region.x
+    (-0.1, 0.1)
     """
 
     frame: Pose = key(read_pose, factory=Pose)

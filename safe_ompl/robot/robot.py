@@ -60,6 +60,12 @@ class Robot(ForwardKinematics):
         Acceleration limits that are known, by joint [rad/s² or m/s²]; see `with_accelerations`.
     jerks : dict of str to float
         Jerk limits of `joint_limits`, by joint [rad/s³ or m/s³].
+
+    Examples
+    --------
+    >>> robot = Robot.from_example("ur5")
+    >>> robot.n, robot.tip
+    (6, 'tool0')
     """
 
     def __init__(self, spec: RobotSpec, parts: RobotParts | None = None) -> None:

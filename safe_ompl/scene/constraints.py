@@ -198,6 +198,11 @@ class People(Section):
     ------
     InputError
         If a value cannot be used; the message starts with its key.
+
+    Examples
+    --------
+    >>> People(speed=1.6, reaction_time=0.1, speeds={"right_hand": 2.0}).speed
+    1.6
     """
 
     who: tuple[str, ...] | None = key(document.each, default=None, read=document.text, least="obstacle")

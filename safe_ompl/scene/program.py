@@ -191,6 +191,12 @@ class Program(Section):
         By object: where the tip may be to grasp it, in the frame of the object.
     places : mapping of str to sequence of Pose
         By object: where it may be put, in the world.
+
+    Examples
+    --------
+    >>> program = Scenario.load("panda_pick_place").program
+    >>> len(program.steps)
+    11
     """
 
     steps: tuple[Step, ...] = key(document.each, read=read_step, least="step")

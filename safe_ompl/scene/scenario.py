@@ -170,6 +170,12 @@ class Scenario(Section):
     ------
     InputError
         If a value cannot be used; the message starts with its key.
+
+    Examples
+    --------
+    >>> scenario = Scenario.load("panda_shelf")
+    >>> scenario.scene.names[:3]
+    ('operator', 'floor', 'stand')
     """
 
     name: str = key(document.text)

@@ -53,6 +53,14 @@ class Scene(document.Section):
     ------
     InputError
         If two obstacles have the same name, or the spacing is not positive.
+
+    Examples
+    --------
+    >>> scene = Scene([Obstacle("table", Box([0.8, 0.5, 0.03]), Pose([0.5, 0.0, 0.4]))])
+    >>> scene.names
+    ('table',)
+    >>> scene.moved({"table": Pose([0.6, 0.0, 0.4])})["table"].pose.position
+    (0.6, 0.0, 0.4)
     """
 
     obstacles: tuple[Obstacle, ...] = document.key(_obstacles, default=())

@@ -37,6 +37,11 @@ class Corridor(Section):
     ------
     InputError
         If a width is not positive, the angle is above π, or the axis is none.
+
+    Examples
+    --------
+    >>> Corridor(position=0.001, angle=0.01, free_axis="z").free_axis
+    'z'
     """
 
     position: float = key(number, default=0.001, above=0.0)

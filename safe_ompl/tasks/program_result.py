@@ -70,6 +70,12 @@ class ProgramResult:
         Empty, or which step cannot be done, and why.
     planning_time : float
         [s].
+
+    Examples
+    --------
+    >>> result = plan_program("panda_beside_person")
+    >>> bool(result), len(result.stretches)
+    (True, 8)
     """
 
     scenario: Scenario

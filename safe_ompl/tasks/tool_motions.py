@@ -77,6 +77,14 @@ class ToolMotion:
         Empty, or what is in the way.
     planning_time : float
         [s].
+
+    Examples
+    --------
+    >>> down = [0.0, 1.0, 0.0, 0.0]
+    >>> path = ToolPath.line(Pose([0.4, -0.1, 0.4], down), Pose([0.4, 0.1, 0.4], down))
+    >>> found = tool_motion(path, Robot.from_example("panda"), Scene(), Corridor(position=0.001, angle=0.01), speed=0.1)
+    >>> bool(found)
+    True
     """
 
     motion: Motion | None

@@ -144,6 +144,13 @@ class ToolPath:
 
     Where the tip only turns, a radian counts METRES_PER_RADIAN; along splines s is near to the length. At corners
     between segments the tool stops.
+
+    Examples
+    --------
+    >>> down = [0.0, 1.0, 0.0, 0.0]
+    >>> path = ToolPath.line(Pose([0.4, -0.2, 0.4], down), Pose([0.4, 0.2, 0.4], down))
+    >>> round(path.length, 3)
+    0.4
     """
 
     segments: tuple[Segment, ...]

@@ -86,11 +86,15 @@ class Benchmark:
 
     Examples
     --------
-    >>> benchmark = Benchmark(setup, "shelf")                                           # doctest: +SKIP
-    >>> benchmark.addPlanner("SafePRM")                                                 # doctest: +SKIP
-    >>> benchmark.addPlannerAllocator(lambda si: SafeRRTConnect(si, "α = 2", alpha=2))  # doctest: +SKIP
-    >>> benchmark.benchmark(ot.Request(maxTime=2.0, runCount=50))                       # doctest: +SKIP
-    >>> benchmark.saveResultsToFile("shelf.log")                                        # doctest: +SKIP
+    >>> from ompl import tools as ot
+    >>> benchmark = Benchmark(setup_scenario("planar2"), "past a person")
+    >>> benchmark.addPlanner("ClassicRRTConnect")
+    >>> benchmark.addPlannerAllocator(lambda si: SafeRRTConnect(si, "α = 2", alpha=2))
+    >>> request = ot.Request()
+    >>> request.maxTime, request.runCount, request.displayProgress = 5.0, 2, False
+    >>> benchmark.benchmark(request)
+    >>> [planner.name for planner in benchmark.getRecordedExperimentData().planners]
+    ['ClassicRRTConnect', 'α = 2']
     """
 
     def __init__(self, setup: SafeSetup, name: str = "") -> None:

@@ -71,6 +71,18 @@ class Replanner(CommandProver):
 
     Parameters are those of `CommandProver`. Trajectories and detours keep the limits of the prover. Where the
     trajectory's limits have a jerk all that is driven keeps to it, stops and detours, too.
+
+    Examples
+    --------
+    >>> from safe_ompl.live import find_skeleton
+    >>> robot = Robot.from_example("panda").with_accelerations({f"panda_joint{k}": 10.0 for k in range(1, 8)})
+    >>> around = Surroundings(Scene(), {"anna": Tracker(find_skeleton("coco17"))}, people=People(speed=1.6))
+    >>> replanner = Replanner(robot, around)
+    >>> path = [[-1.2, 0, 0, -2.0, 0, 2.2, 0.785], [1.2, 0, 0, -2.0, 0, 2.2, 0.785]]
+    >>> replanner.start(time_path(path, robot, RateLimits.of(robot), motion=replanner.prover))
+    >>> late = replanner.update({"anna": [[3.0, 0.0, 1.0]] * 17}, {}, 0.0)
+    >>> replanner.command(0.02).action.value
+    'moving'
     """
 
     # None before the first trajectory, and if detours are not searched.

@@ -69,6 +69,19 @@ class Shield(CommandProver):
     Without a new proposal it goes on with the last one. Without a new command it ends in the stop of the last one.
 
     Parameters are those of `CommandProver`.
+
+    Examples
+    --------
+    >>> from safe_ompl.live import find_skeleton
+    >>> robot = Robot.from_example("panda").with_accelerations({f"panda_joint{k}": 10.0 for k in range(1, 8)})
+    >>> around = Surroundings(Scene(), {"anna": Tracker(find_skeleton("coco17"))}, people=People(speed=1.6))
+    >>> shield = Shield(robot, around)
+    >>> shield.start([0, 0, 0, -2.0, 0, 2.2, 0.785])
+    >>> late = shield.update({"anna": [[3.0, 0.0, 1.0]] * 17}, {}, 0.0)
+    >>> shield.propose_velocity([0.2, 0, 0, 0, 0, 0, 0])
+    True
+    >>> shield.command(0.02).follows
+    True
     """
 
     _rest: BoundedPath | None = None

@@ -76,6 +76,12 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     InputError
         Wrong shape, NaN, a tolerance that is not positive; or a place that is out of reach, by a proven bound of the
         reach (`tip_reach`).
+
+    Examples
+    --------
+    >>> setup = setup_scenario("ur5_handover")
+    >>> goal = WorkspaceGoal(setup.getSpaceInformation(), setup.robot, [0.4, -0.3, 0.35])
+    >>> setup.setGoal(goal)
     """
 
     def __init__(
@@ -229,6 +235,12 @@ class RegionGoal(WorkspaceGoal):
     All that holds of a `WorkspaceGoal` holds of it. Solutions are those of the inverse kinematics for poses drawn at
     random from the region; `distanceGoal` is the distance of the tip from the region, 0 inside. `field` and `seed` are
     options, too. An InputError if the region is none, or the tolerance is not positive.
+
+    Examples
+    --------
+    >>> setup = setup_scenario("ur5_handover")
+    >>> region = GoalRegion(Pose([0.4, -0.3, 0.35]), x=(-0.1, 0.1))
+    >>> setup.setGoal(RegionGoal(setup.getSpaceInformation(), setup.robot, region))
     """
 
     def __init__(

@@ -52,6 +52,15 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     The integral is that of `DangerField.mean`, to 1 %; planners ask for many motions again, also the other way round:
     the last 20 000 are kept. Optimising planners skip motions that cannot improve a path:
     `motionCostHeuristic` is `DangerField.minimum`, a proven bound, times the distance.
+
+    Examples
+    --------
+    >>> from ompl import geometric as og
+    >>> from safe_ompl.robot import joint_space
+    >>> robot = Robot.from_example("ur5")
+    >>> plain = og.SimpleSetup(joint_space(robot))
+    >>> field = DangerField(robot, [[0.8, 0.0, 0.5]])
+    >>> plain.setOptimizationObjective(DangerObjective(plain.getSpaceInformation(), field))
     """
 
     def __init__(self, si: Any, field: DangerField) -> None:

@@ -20,6 +20,15 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     The coordinates of the space must be the robot's joints (`joint_space`), but their limits are the robot's, however
     wide the space. `check` is the check of configurations (n,) that states undergo. An UnknownNameError if the scene
     has no obstacle of a name in the constraints.
+
+    Examples
+    --------
+    >>> from ompl import geometric as og
+    >>> from safe_ompl.robot import joint_space
+    >>> robot = Robot.from_example("ur5")
+    >>> plain = og.SimpleSetup(joint_space(robot))
+    >>> checker = CollisionFreeValidity(plain.getSpaceInformation(), CollisionChecker(robot, Scene()))
+    >>> plain.setStateValidityChecker(checker)
     """
 
     def __init__(self, si: Any, checker: CollisionChecker, constraints: Constraints | None = None) -> None:
@@ -77,6 +86,15 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
     undecided, and counts as blocked. The state validity checker should have the same constraints: the user's checker
     among them is asked about what is proven free, and kept alive by `CollisionFreeValidity` only. `motion` is what
     proves motions; `setConstraints` puts another one in its place.
+
+    Examples
+    --------
+    >>> from ompl import geometric as og
+    >>> from safe_ompl.robot import joint_space
+    >>> robot = Robot.from_example("ur5")
+    >>> plain = og.SimpleSetup(joint_space(robot))
+    >>> si, checker = plain.getSpaceInformation(), CollisionChecker(robot, Scene())
+    >>> si.setMotionValidator(CertifiedMotionValidator(si, checker))
     """
 
     def __init__(self, si: Any, checker: CollisionChecker, constraints: Constraints | None = None) -> None:

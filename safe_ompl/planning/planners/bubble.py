@@ -79,6 +79,13 @@ class BubblePlanner(SafePlanner):
     .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.1.
     .. [2] B. Lacevic, P. Rocco: Sampling-based safe path planning for robotic manipulators. ETFA 2010.
     .. [3] S. Quinlan: Real-time modification of collision-free paths. PhD thesis, Stanford 1994.
+
+    Examples
+    --------
+    >>> setup = setup_scenario("planar2")
+    >>> setup.setPlanner(BubblePlanner(setup.getSpaceInformation()))
+    >>> bool(setup.solve(5.0))
+    True
     """
 
     alpha = Parameter(1.0)

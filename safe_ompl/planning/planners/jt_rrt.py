@@ -98,6 +98,13 @@ class SafeJTRRT(SafePlanner):
     .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.3.
     .. [2] M. Vande Weghe, D. Ferguson, S. Srinivasa: Randomized path planning for redundant manipulators
        without inverse kinematics. Humanoids 2007.
+
+    Examples
+    --------
+    >>> setup = setup_scenario("planar2")
+    >>> setup.setPlanner(SafeJTRRT(setup.getSpaceInformation()))
+    >>> bool(setup.solve(5.0))
+    True
     """
 
     plans_to = WorkspaceGoal

@@ -87,6 +87,13 @@ class SafePRM(SafePlanner):
     .. [2] R. Bohlin, L. Kavraki: Path planning using lazy PRM. ICRA 2000.
     .. [3] B. Cohen, M. Phillips, M. Likhachev: Planning single-arm manipulations with n-arm robots (lazy A*).
        RSS 2014.
+
+    Examples
+    --------
+    >>> setup = setup_scenario("planar2")
+    >>> setup.setPlanner(SafePRM(setup.getSpaceInformation()))
+    >>> bool(setup.solve(5.0))
+    True
     """
 
     alpha = Parameter(5.0)

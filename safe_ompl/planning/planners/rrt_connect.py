@@ -65,6 +65,13 @@ class SafeRRTConnect(SafePlanner):
     .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.4.
     .. [2] J. Kuffner, S. LaValle: RRT-Connect. ICRA 2000.
     .. [3] S. LaValle: Planning Algorithms. Cambridge University Press, 2006.
+
+    Examples
+    --------
+    >>> setup = setup_scenario("planar2")
+    >>> setup.setPlanner(SafeRRTConnect(setup.getSpaceInformation()))
+    >>> bool(setup.solve(5.0))
+    True
     """
 
     alpha = Parameter(1.0)

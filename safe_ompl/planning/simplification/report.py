@@ -116,6 +116,14 @@ class PathReport:
     `certified` and `refused` are known from the beginning. What is computed later belongs to the path, the robot, the
     scene and the field as they were. `length` is Euclidean, in joint space [rad]; of `links_without_collision` nothing
     is known, as they have no collision geometry; `time` [s] is how long danger and clearance took so far.
+
+    Examples
+    --------
+    >>> report = plan("planar2", seed=0, simplify=True).report
+    >>> report.certified
+    True
+    >>> report.danger.max <= report.danger.max_bound
+    True
     """
 
     _measure_danger: Callable[[], DangerReport | None]

@@ -72,6 +72,14 @@ class Simplifier:
     ------
     InputError
         If an option is out of range.
+
+    Examples
+    --------
+    >>> setup = setup_scenario("planar2")
+    >>> planned = setup.plan("ClassicRRTConnect", seed=0)
+    >>> shorter = Simplifier(setup.checker, setup.field).simplify(planned.path, 1.0)
+    >>> bool((shorter[0] == planned.path[0]).all())
+    True
     """
 
     def __init__(
