@@ -34,6 +34,8 @@ SCALAR = [
     "safe_ompl.danger.moving",
     "safe_ompl.planning.planners.growth",
     "safe_ompl.planning.simplification.costs",
+    "safe_ompl.planning.simplification.descent",
+    "safe_ompl.planning.simplification.edges",
     "safe_ompl.geometry.surface_points",
     "safe_ompl.live.replanning.hull_gaps",
     "safe_ompl.motions.bodies",

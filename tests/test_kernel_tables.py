@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import safe_ompl
-from safe_ompl import Box, Obstacle, PointCloud, Pose, Scene
-from safe_ompl.collision import CollisionChecker
+from safe_ompl import Box, DangerField, Obstacle, PointCloud, Pose, Scene
+from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.collision.proofs import ALLOWANCE, Required
 from safe_ompl.common import Counts
 from safe_ompl.danger import static
@@ -23,7 +23,8 @@ from safe_ompl.danger.link_field import Groups
 from safe_ompl.drawing.light import Light
 from safe_ompl.drawing.rendering import Painted, View
 from safe_ompl.geometry.convex import ShapeTable
-from safe_ompl.planning.simplification import costs
+from safe_ompl.planning.simplification import costs, descent, edges
+from safe_ompl.planning.simplification.cost import DangerDensity, ObstacleCost
 
 ROOT = Path(safe_ompl.__file__).parent
 SOURCES = {path.stem: path for path in ROOT.rglob("*.pyx") if "lanes" not in path.stem}
@@ -284,31 +285,51 @@ CALLS = {
     "costs.DangerTerms.edge_costs": lambda t: [t.values, np.ones((4, 4), bool), np.ones(6, bool)],
     "costs.PricedPath": lambda t: [t.values, 6],
     "costs.Densities": lambda t: [t.terms, t.carriers, t.near, numbers(2, 2)],
-    "costs.Densities.model": lambda t: [t.values, numbers(6), numbers(6, 6)],
+    "costs.Densities.model": lambda t: [t.values],
     "costs.Densities.retreat_step": lambda t: [t.values[:1], 0.1, 1.0, 0.8, 0.04],
     "costs.Walk": lambda t: [-3 * t.ones, 3 * t.ones],
-    "costs.Walk.restart": lambda t: [t.densities, t.values, t.densities.model(t.values), np.zeros(4, bool)],
-    "costs.Walk.resume": lambda t: [t.densities, t.values, t.densities.model(t.values)],
+    "costs.Walk.restart": lambda t: [t.densities, t.densities.model(t.values), np.zeros(4, bool)],
+    "costs.Walk.resume": lambda t: [t.densities, t.densities.model(t.values)],
     "costs.Walk.descend": lambda t: [lambda: False, 4, 0.1, 0.0],
     "costs.Walk.direction": lambda t: [],
     "costs.arc_lengths": lambda t: [t.values],
-    "costs.at_arc_lengths": lambda t: [t.values, np.arange(4.0), numbers(5)],
+    "costs.at_arc_lengths": lambda t: [t.values, numbers(5)],
     "costs.spread": lambda t: [t.values, 0.1],
     "costs.gauss_points": lambda t: [t.values],
     "costs.bounded_step": lambda t: [numbers(6), numbers(3, 6), 0.1],
     "costs.factored": lambda t: [np.array([np.eye(3)] * 4), numbers(3, 3, 3), np.ones(4, np.uint8)],
-    "costs.chained": lambda t: [numbers(4, 4)],
-    "costs.prove_edges": lambda t: [t.bounds, t.limits, t.required, 0.01, t.values[:2], t.values[2:]],
-    "costs.weeded_chain": lambda t: [
-        t.bounds,
-        t.limits,
-        t.required,
-        0.01,
-        numbers(4, 4),
-        np.zeros((4, 4), np.intp),
-        10.0,
+    "edges.EdgeProofs": lambda t: [t.motion],
+    "edges.EdgeProofs.accept": lambda t: [t.values[:2].copy()],
+    "edges.EdgeProofs.inherit": lambda t: [t.values[1:].copy()],
+    "edges.EdgeProofs.refused": lambda t: [t.values],
+    "edges.EdgeProofs.chained": lambda t: [t.values, numbers(4, 4), 10.0, np.zeros((4, 4), np.intp)],
+    "edges.EdgeProofs.held_back": lambda t: [t.values, t.values[::-1].copy()],
+    "edges.retreat": lambda t: [t.ones, t.obstacles, t.field, (-3 * t.ones, 3 * t.ones), lambda: False],
+    "edges.shortcut": lambda t: [t.values, t.cost(), edges.EdgeProofs(t.motion), lambda: False, 3, 1.0],
+    "edges.joined": lambda t: [t.values, t.cost(), edges.EdgeProofs(t.motion), lambda: False],
+    "edges.cheapest_proven_chain": lambda t: [
         t.values,
+        np.ones((4, 4), bool),
+        t.cost(),
+        edges.EdgeProofs(t.motion),
+        lambda: False,
+        np.inf,
+        np.zeros((4, 4), np.intp),
     ],
+    "descent.ActiveSetCost": lambda t: [t.density, t.obstacles, t.values],
+    "descent.ActiveSetCost.look_at": lambda t: [t.values, t.values],
+    "descent.ActiveSetCost.of": lambda t: [t.values],
+    "descent.ActiveSetCost.anchor": lambda t: [t.values],
+    "descent.ActiveSetCost.model": lambda t: [t.values],
+    "descent.ProvenDescent": lambda t: [
+        t.values,
+        (t.values[:1].copy(), t.values[3:].copy()),
+        t.cost(),
+        descent.Terms(edges.EdgeProofs(t.motion), (-3 * t.ones, 3 * t.ones), 100.0, 0.1),
+        descent.BestPath(t.values, None),
+        lambda: False,
+    ],
+    "descent.ProvenDescent.run": lambda t: [],
 }
 
 
@@ -343,6 +364,10 @@ def t(ur5):
     t.carriers, t.near = indices(3, 0), np.hstack([np.array([[0, 0], [0, 1]]), numbers(2, 8)])
     t.terms = costs.DangerTerms(t.danger, 1.0, np.eye(6), t.ones)
     t.densities = costs.Densities(t.terms, t.carriers, t.near, numbers(2, 2))
+    checker = CollisionChecker(ur5, Scene(things))
+    t.motion, t.obstacles, t.field = MotionProver(checker), ObstacleCost(checker, 0.1), DangerField(ur5, numbers(5, 3))
+    t.density = DangerDensity(t.field, 1.0)
+    t.cost = lambda: descent.ActiveSetCost(t.density, t.obstacles, t.values)
     return t
 
 

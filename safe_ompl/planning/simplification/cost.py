@@ -8,11 +8,11 @@ from copy import copy
 import numpy as np
 
 from safe_ompl.collision import CollisionChecker, MotionProver, NearPairs, PairDistances
-from safe_ompl.common import BoolArray, FloatArray, IntArray, number
+from safe_ompl.common import BoolArray, FloatArray, number
 from safe_ompl.danger import DangerField
-from safe_ompl.planning.simplification.costs import DangerTerms, Densities, QuadraticModel, gauss_points, spread
+from safe_ompl.planning.simplification.costs import DangerTerms
 from safe_ompl.planning.simplification.measures import Curve
-from safe_ompl.robot import Robot, plain
+from safe_ompl.robot import Robot
 
 STEP = 0.05  # [rad] between the samples of the cost of a path, as in its report
 WEIGHT = 5.0  # of danger against length
@@ -112,69 +112,3 @@ class ObstacleCost:
         """D and w, and d₀ and 10 w if that counts, (1 or 2, 2)."""
         hinges = [(self.distance, _OBSTACLE_WEIGHT), (self.allowed, _STEEPNESS * _OBSTACLE_WEIGHT)]
         return np.array(hinges[: 1 + (self.allowed > 0)])
-
-
-_SCAN = 0.5  # [rad] between the configurations at which all danger points are looked at
-_COARSE = 0.15  # [rad] between the samples of J: thrice those of a report, a third of the work
-_DOUBT = 0.02  # share by which J must differ from that of the given path for these to be enough
-_SHARE = 0.85  # of the greatest danger: points that reach it somewhere matter
-
-
-class ActiveSetCost:
-    """J of a path for the danger points that matter near the path last looked at: others can only add to it.
-
-    `terms` are J alone, a `model` has the obstacle cost, too; `everywhere` is the density of all danger points, and
-    `ceiling` J of the first path.
-    """
-
-    def __init__(self, danger: DangerDensity, obstacles: ObstacleCost | None, path: FloatArray) -> None:
-        self.everywhere, self.robot = danger, danger.field.robot
-        self._obstacles = obstacles
-        self._active: BoolArray | None = None
-        self._near: tuple[IntArray, FloatArray] = np.zeros(0, dtype=np.intp), np.zeros((0, 10))
-        self._hinges = np.zeros((0, 2)) if obstacles is None else obstacles.hinges
-        self.look_at(path)
-        self.ceiling, samples = self.terms.path_cost(plain(path), STEP)
-        self.count(samples)
-
-    def look_at(self, path: FloatArray, besides: FloatArray | None = None) -> bool:
-        """Take the danger points that matter near a path (N, n), and besides; return whether they are others now."""
-        field, (samples, _) = self.everywhere.field, spread(plain(path), _SCAN)
-        if besides is not None:
-            samples = np.concatenate([samples, besides])
-        active = field.high_points(samples, _SHARE)
-        if self._active is not None and np.array_equal(active, self._active):
-            return False
-        self._active, self.terms = active, self.everywhere.terms(active)
-        return True
-
-    def count(self, configurations: int) -> None:
-        """Count so many evaluations of the danger."""
-        self.everywhere.field.count(configurations, len(self.terms.danger.points))
-
-    def of(self, path: FloatArray) -> float:
-        """Return J of an unrolled path (N, n), without obstacle cost; as in its report where that is near `ceiling`."""
-        cost, samples = self.terms.path_cost(plain(path), _COARSE)
-        self.count(samples)
-        if abs(cost - self.ceiling) < _DOUBT * cost:
-            cost, samples = self.terms.path_cost(plain(path), STEP)
-            self.count(samples)
-        return cost
-
-    def anchor(self, path: FloatArray) -> None:
-        """From here on take the witnesses of obstacles along a path (N, n)."""
-        if self._obstacles is not None:
-            near = self._obstacles.near(gauss_points(plain(path)))
-            self._near = near.carriers, near.table
-
-    def densities(self) -> Densities:
-        """Return both costs near the path that was last anchored, for compiled code."""
-        return Densities(self.terms, *self._near, self._hinges)
-
-    def model(self, path: FloatArray, known: tuple[FloatArray, FloatArray] | None = None) -> QuadraticModel:
-        """Return the model of J and obstacle cost near an unrolled path (N, n); see `Densities.model`.
-
-        Danger (B,) and its gradients (B, m) at the Gauss points may be `known`.
-        """
-        self.count(0 if known else 2 * len(path) - 2)
-        return self.densities().model(plain(path), *(known or ()))

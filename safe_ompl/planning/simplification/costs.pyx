@@ -6,15 +6,11 @@ the gradients mean f·Δ/ℓ + ℓ·mean_j t_j ∇f_j at its end and −mean f·
 
 from libc.math cimport INFINITY, ceil, fabs, sqrt
 from libc.stdlib cimport free, malloc
-from libc.string cimport memset
+from libc.string cimport memcpy, memset
 
-from safe_ompl.collision.proofs cimport (
-    DistanceBounds, Outcome, Required, Workspace, add_hinge_costs, check_near, prove_edge,
-)
+from safe_ompl.collision.proofs cimport add_hinge_costs, check_near
 from safe_ompl.danger.static cimport PointDanger
-from safe_ompl.robot.kinematics cimport EdgeTable, JointTable, difference
-
-from typing import NamedTuple
+from safe_ompl.robot.kinematics cimport difference
 
 import numpy as np
 
@@ -53,37 +49,81 @@ def arc_lengths(const double[:, ::1] path):
     return found
 
 
-def at_arc_lengths(const double[:, ::1] points, const double[::1] arc, const double[::1] s):
-    """Return the configurations (S, n) of a path (N, n) with arc lengths (N,) at `s: (S,)`; the ends' beyond them."""
-    cdef Py_ssize_t N = points.shape[0], n = points.shape[1], S = s.shape[0], j, i, k = 0
-    cdef double slope
-    if not N or arc.shape[0] != N:
-        raise InputError(f"a path needs as many arc lengths as way points, got {arc.shape[0]} and {N}")
-    found = np.empty((S, n))
+def at_arc_lengths(const double[:, ::1] path, const double[::1] s):
+    """Return the configurations (S, n) of an unrolled path (N, n) at arc lengths `s: (S,)`; the ends' beyond them."""
+    found = np.empty((s.shape[0], path.shape[1]))
     cdef double[:, ::1] out = found
-    for j in range(S):
-        if s[j] < arc[k]:
-            k = 0
-        while k + 1 < N and s[j] >= arc[k + 1]:
-            k += 1
-        for i in range(n):
-            out[j, i] = points[k, i]
-            if k + 1 < N and s[j] > arc[k]:
-                slope = (points[k + 1, i] - points[k, i]) / (arc[k + 1] - arc[k])
-                out[j, i] += slope * (s[j] - arc[k])
+    if not path.shape[0]:
+        raise InputError("a path needs a way point")
+    if found.size:
+        _write_at(path, &s[0], s.shape[0], &out[0, 0])
     return found
 
 
-def spread(path, double step):
-    """Return configurations (S, n) of an unrolled path (N, n) at equal steps, no longer than `step`, and its length."""
-    arc = arc_lengths(path)
-    if not len(arc):
+cdef void _write_at(const double[:, ::1] path, const double *s, Py_ssize_t S, double *out) noexcept nogil:
+    """Write what `at_arc_lengths` returns."""
+    cdef Py_ssize_t N = path.shape[0], n = path.shape[1], j, i, k = 0
+    cdef double begin = 0.0, end = distance(path, 0, 1) if N > 1 else 0.0, slope
+    for j in range(S):
+        # The segment that begins at way point k leads from arc length `begin` to `end`.
+        if s[j] < begin:
+            k, begin, end = 0, 0.0, distance(path, 0, 1)
+        while k + 1 < N and s[j] >= end:
+            k, begin = k + 1, end
+            if k + 1 < N:
+                end = begin + distance(path, k, k + 1)
+        for i in range(n):
+            out[n * j + i] = path[k, i]
+            if k + 1 < N and s[j] > begin:
+                slope = (path[k + 1, i] - path[k, i]) / (end - begin)
+                out[n * j + i] += slope * (s[j] - begin)
+
+
+cdef double length_of(const double[:, ::1] path) noexcept nogil:
+    """Return how long an unrolled path (N, n) is [rad]."""
+    cdef double length = 0.0
+    cdef Py_ssize_t k
+    for k in range(1, path.shape[0]):
+        length += distance(path, k - 1, k)
+    return length
+
+
+cdef double distance(const double[:, ::1] path, Py_ssize_t a, Py_ssize_t b) noexcept nogil:
+    cdef double squared = 0.0, step
+    cdef Py_ssize_t i
+    for i in range(path.shape[1]):
+        step = path[b, i] - path[a, i]
+        squared += step * step
+    return sqrt(squared)
+
+
+cdef Py_ssize_t _sample_count(const double[:, ::1] path, double length, double step) except -1:
+    """Return how many samples there are on a path of some length, no farther apart than `step`, with both ends."""
+    if not path.shape[0]:
         raise InputError("a path needs a way point")
-    cdef double length = arc[len(arc) - 1]
     if not 0.0 <= length < MOST_STEPS * step:
         raise InputError(f"there must be less than {MOST_STEPS} steps of {step:g} in a path of length {length:g}")
-    cdef Py_ssize_t count = 1 + <Py_ssize_t> (length / step)
-    return at_arc_lengths(path, arc, np.arange(count + 1) * (length / count)), length
+    return 2 + <Py_ssize_t> (length / step)
+
+
+cdef void _write_samples(const double[:, ::1] path, double length, Py_ssize_t S, double *s, double *out) noexcept nogil:
+    """Write arc lengths (S,) and configurations (S, n) at equal steps along an unrolled path of some length."""
+    cdef Py_ssize_t j
+    for j in range(S):
+        s[j] = j * (length / (S - 1))
+    _write_at(path, s, S, out)
+
+
+def spread(const double[:, ::1] path, double step):
+    """Return configurations (S, n) of an unrolled path (N, n) at equal steps, no longer than `step`, and its length."""
+    cdef double length = length_of(path)
+    cdef Py_ssize_t S = _sample_count(path, length, step)
+    found = np.empty((S, path.shape[1]))
+    cdef double[:, ::1] out = found
+    cdef double[::1] s = np.empty(S)
+    if found.size:
+        _write_samples(path, length, S, &s[0], &out[0, 0])
+    return found, length
 
 
 def gauss_points(const double[:, ::1] path):
@@ -119,13 +159,6 @@ cdef class DangerTerms:
         The values of the model's joints are matrix·q + shift.
     """
 
-    cdef readonly PointDanger danger
-    cdef readonly double weight
-    cdef readonly object matrix, shift
-    cdef const double[:, ::1] _matrix
-    cdef const double[::1] _shift
-    cdef Py_ssize_t m, n
-
     def __init__(self, PointDanger danger not None, double weight, matrix, shift):
         self.danger, self.weight, self.matrix, self.shift = danger, weight, matrix, shift
         self._matrix, self._shift = matrix, shift
@@ -154,20 +187,32 @@ cdef class DangerTerms:
 
     def path_cost(self, const double[:, ::1] path, double step):
         """Return J of an unrolled path (N, n) by the trapezoidal rule, and from how many samples [rad] apart."""
-        cdef double length, total = 0.0
-        cdef const double[:, ::1] samples
-        cdef Py_ssize_t B, k
+        cdef Py_ssize_t samples
+        cdef double cost = self.cost_along(path, step, &samples)
+        return cost, samples
+
+    cdef double cost_along(self, const double[:, ::1] path, double step, Py_ssize_t *samples) except? -1:
+        """Return what `path_cost` does."""
+        cdef double length = length_of(path), total = 0.0
+        cdef Py_ssize_t B = _sample_count(path, length, step), k
+        cdef double *Q
+        cdef double *values
+        cdef double *danger
         if path.shape[1] != self.n:
             raise InputError(f"way points must have {self.n} joints, got {path.shape[1]}")
-        samples, length = spread(path, step)
-        B = samples.shape[0]
-        memory = np.empty(B * (self.m + 1))
-        cdef double[::1] row = memory
-        with nogil:
-            self.write(&samples[0, 0], B, &row[B], NULL, &row[0])
+        Q = <double *> malloc(B * (self.n + self.m + 2) * sizeof(double))
+        if not Q:
+            raise MemoryError
+        values, danger = Q + B * self.n, Q + B * (self.n + self.m)
+        try:
+            _write_samples(path, length, B, danger + B, Q)
+            self.write(Q, B, values, NULL, danger)
             for k in range(B):
-                total += (0.5 if k == 0 or k == B - 1 else 1.0) * (row[k] * row[k])
-        return length * (1.0 + self.weight * total / (B - 1)), B
+                total += (0.5 if k == 0 or k == B - 1 else 1.0) * (danger[k] * danger[k])
+        finally:
+            free(Q)
+        samples[0] = B
+        return length * (1.0 + self.weight * total / (B - 1))
 
     def edge_costs(self, const double[:, ::1] path, wanted, continuous):
         """Return J (N, N) by the midpoint rule of edges between way points (N, n), and from how many samples.
@@ -217,43 +262,21 @@ cdef class DangerTerms:
         return found, total
 
 
-class QuadraticModel(NamedTuple):
-    """Cost, and that of obstacles in it; gradient (N, n); about the Hessian, blocks (N, n, n), (N − 1, n, n) beside."""
-
-    value: float
-    near: float
-    gradient: object
-    blocks: object
-    beside: object
-
-
 cdef class PricedPath:
     """A path of N way points, and what it costs: the cost of obstacles in it, the gradient, danger at B Gauss points.
 
     Attributes
     ----------
     value, near : float
-        The cost, and the part of it that obstacles are.
+        The cost by the Gauss points, and the part of it that obstacles are.
+    cost : float
+        J of the whole path that this is a part of, by samples of it; 0 unless it is set.
+    blocks, beside : ndarray, shapes (N, n, n) and (N − 1, n, n)
+        About the Hessian, blocks on its diagonal and right of them; None unless `Densities.model` made them.
     path, gradient : ndarray, shape (N, n)
     danger, slopes : ndarray, shapes (B,) and (B, m)
         The danger, and its gradients by the model's joints.
     """
-
-    cdef readonly double value, near
-    cdef readonly object path, gradient, danger, slopes
-    cdef Py_ssize_t N, n, m
-    cdef double *_path
-    cdef double *_gradient
-    cdef double *_danger
-    cdef double *_slopes
-    # Working memory: nodes (B, n), values of the joints and pushes of obstacles (B, m), costs of these (B,), lengths of
-    # segments (N − 1,), and frames of the joints (15 m,).
-    cdef double *_nodes
-    cdef double *_values
-    cdef double *_pushes
-    cdef double *_nears
-    cdef double *_lengths
-    cdef double *_frames
 
     def __cinit__(self, path, Py_ssize_t m):
         cdef double[:, ::1] rows = np.array(path, dtype=np.float64, order="C")
@@ -296,19 +319,14 @@ cdef class Densities:
         Distances [m] at which obstacles begin to count, and weights.
     """
 
-    cdef readonly DangerTerms terms
-    cdef readonly object carriers, near, hinges
-    cdef JointTable _joints
-    cdef const Py_ssize_t[::1] _carriers
-    cdef const double[:, ::1] _near
-    cdef const double[:, ::1] _hinges
-    cdef Py_ssize_t _rows
-
     def __init__(self, DangerTerms terms not None, carriers, near, hinges):
+        cdef Py_ssize_t c
         self.terms, self.carriers, self.near, self.hinges = terms, carriers, near, hinges
         self._joints = terms.danger.skeleton.keys.joints
         self._carriers, self._near, self._hinges = carriers, near, hinges
-        self._rows = 1 + int(np.max(near[:, 0], initial=-1.0))
+        self._rows = 0
+        for c in range(self._near.shape[0]):
+            self._rows = max(self._rows, 1 + <Py_ssize_t> self._near[c, 0])
         check_near(self._joints, self._rows, self._carriers, self._near, self._hinges)
 
     cdef int check(self, Py_ssize_t n, Py_ssize_t rows) except -1:
@@ -343,30 +361,33 @@ cdef class Densities:
         _integrate(at, self.terms)
         return 0
 
-    def model(self, path, danger=None, slopes=None):
+    def model(self, path):
         """Return the model of the cost of an unrolled path (N, n), by two Gauss points on each segment.
 
         Length resists bending like springs, Σ f/2ℓ·‖x_{k+1} − x_k‖² with the path's mean density f. What the densities
-        add is their Gauss-Newton part; so the whole is positive. Danger (B,) and its gradients (B, m) at the Gauss
-        points may be known.
+        add is their Gauss-Newton part; so the whole is positive.
         """
+        return self.priced(path, None)
+
+    cdef PricedPath priced(self, const double[:, ::1] path, PricedPath known):
+        """Return what `model` does; the danger at the Gauss points of the path may be known."""
         cdef PricedPath at = PricedPath(path, self.terms.m)
-        cdef Py_ssize_t N = at.N, n = at.n, C = self._near.shape[0]
-        cdef bint known = danger is not None
-        self.check(n, 2 * N - 2)
-        if known:
-            if np.shape(danger) != (2 * N - 2,) or np.shape(slopes) != (2 * N - 2, at.m):
-                raise InputError(f"the danger must be known at {2 * N - 2} Gauss points")
-            at.danger[:], at.slopes[:] = danger, slopes
-        blocks, beside, vectors = np.zeros((N, n, n)), np.zeros((N - 1, n, n)), np.zeros((C + 1, at.m))
-        cdef double[:, :, ::1] block = blocks
-        cdef double[:, :, ::1] side = beside
-        cdef double[:, ::1] vector = vectors
+        cdef Py_ssize_t N = at.N, n = at.n, B = 2 * N - 2
+        self.check(n, B)
+        if known is not None and (known.N != N or known.m != at.m):
+            raise InputError(f"the danger must be known at {B} Gauss points")
+        if known is not None:
+            memcpy(at._danger, known._danger, B * sizeof(double))
+            memcpy(at._slopes, known._slopes, B * at.m * sizeof(double))
+        at.blocks, at.beside = np.zeros((N, n, n)), np.zeros((N - 1, n, n))
+        cdef double[:, :, ::1] block = at.blocks
+        cdef double[:, :, ::1] side = at.beside
+        cdef double[:, ::1] vector = np.zeros((self._near.shape[0] + 1, at.m))
         cdef double[::1] bend = np.zeros(n)
         with nogil:
-            self.price(at, known, &vector[0, 0])
+            self.price(at, known is not None, &vector[0, 0])
             _add_curvature(self, at, &vector[0, 0], &bend[0], &block[0, 0, 0], &side[0, 0, 0])
-        return QuadraticModel(at.value, at.near, at.gradient, blocks, beside)
+        return at
 
     def retreat_step(
         self, const double[:, ::1] Q, double reference, double excess_weight, double onset, double longest
@@ -586,34 +607,13 @@ cdef class Walk:
         Limits of the joints.
     """
 
-    cdef const double[::1] _lower, _upper
-    cdef Densities _densities
-    cdef PricedPath _here, _next
-    cdef double[:, ::1] _band, _direction
-    cdef double[:, :, ::1] _steps, _changes
-    cdef double _products[MEMORY]
-    cdef const unsigned char[::1] _moving
-    cdef double _size
-    cdef Py_ssize_t _remembered, _idle
-    cdef readonly Py_ssize_t evaluations
-
     def __init__(self, lower, upper):
         self._lower, self._upper = lower, upper
 
     @property
-    def path(self):
-        """Where the descent is, (N, n)."""
-        return self._place().path
-
-    @property
-    def danger(self):
-        """The danger (2N − 2,) at the Gauss points of the path, once a step was taken."""
-        return self._place().danger
-
-    @property
-    def slopes(self):
-        """The gradients (2N − 2, m) of that danger by the model's joints."""
-        return self._place().slopes
+    def here(self):
+        """Where the descent is, a `PricedPath`; once a step was taken with the danger at its Gauss points."""
+        return self._place()
 
     @property
     def cost(self):
@@ -626,34 +626,36 @@ cdef class Walk:
             raise InputError("a descent needs a path: call restart first")
         return self._here
 
-    def restart(self, Densities densities not None, path, model, held=None):
+    def restart(self, Densities densities not None, PricedPath at not None, held=None):
         """Begin anew from a path; way points that are `held: (N,)` stay where they are, and so do the ends."""
         self._densities = None
-        moving = np.ones(len(path), np.uint8)
+        moving = np.ones(at.N, np.uint8)
         if held is not None:
             moving[held] = 0
         moving[[0, -1]] = 0
         self._moving, self._size, self._remembered = moving, 1.0, 0
-        self._steps, self._changes = np.empty((2, MEMORY, *np.shape(path)))
-        self._direction = np.empty(np.shape(path))
-        self.resume(densities, path, model)
+        self._steps, self._changes = np.empty((MEMORY, at.N, at.n)), np.empty((MEMORY, at.N, at.n))
+        self._direction = np.empty((at.N, at.n))
+        self.resume(densities, at)
 
-    def resume(self, Densities densities not None, path, model):
+    def resume(self, Densities densities not None, PricedPath at not None):
         """Go on from a path near the last one, or with another model of the cost, without what was known of it.
 
         What is remembered of the steps so far stays.
         """
-        cdef Py_ssize_t N = self._steps.shape[1], n = self._steps.shape[2]
+        cdef Py_ssize_t N = self._steps.shape[1], n = self._steps.shape[2], k, i
         self._densities = None
-        if np.shape(path) != (N, n):
-            raise InputError(f"the path must have shape ({N}, {n}), got {np.shape(path)}")
+        if at.N != N or at.n != n:
+            raise InputError(f"the path must have shape ({N}, {n}), got ({at.N}, {at.n})")
         if self._lower.shape[0] != n or self._upper.shape[0] != n:
             raise InputError(f"way points must have {self._lower.shape[0]} joints, got {n}")
         densities.check(n, 2 * N - 2)
-        self._here, self._next = PricedPath(path, densities.terms.m), PricedPath(path, densities.terms.m)
-        self._here.value, self._here.near = model.value, model.near
-        self._here.gradient[:] = model.gradient * np.asarray(self._moving)[:, None].view(np.bool_)
-        self._band = factored(model.blocks, model.beside, self._moving)
+        self._here, self._next = PricedPath(at.path, densities.terms.m), PricedPath(at.path, densities.terms.m)
+        self._here.value, self._here.near = at.value, at.near
+        for k in range(N):
+            for i in range(n):
+                self._here._gradient[n * k + i] = at._gradient[n * k + i] if self._moving[k] else 0.0
+        self._band = factored(at.blocks, at.beside, self._moving)
         if self._band.shape[0] != N * n:
             raise InputError(f"blocks must be of {n} joints")
         self._densities, self._idle, self.evaluations = densities, 0, 0
@@ -820,109 +822,3 @@ def factored(const double[:, :, ::1] blocks, const double[:, :, ::1] beside, con
                     rest -= band[i, k - i + w] * band[j, k - j + w]
                 band[i, j - i + w] = sqrt(rest) if i == j else rest / band[j, w]
     return found
-
-
-# ---------------------------------------------------------------------------------------------------------- shortcuts
-
-# Of edges between way points: whether bounds were looked at, and whether the edge is proven.
-UNKNOWN, LOOKED_AT, PROVEN = range(3)
-cdef enum:
-    _UNKNOWN, _LOOKED_AT, _PROVEN
-
-
-def chained(const double[:, ::1] costs):
-    """Return what comes before each node (N,) on the cheapest way to it, by the costs (N, N) of edges to later ones."""
-    cdef Py_ssize_t N = costs.shape[0]
-    found, values = np.zeros(N, np.intp), np.zeros(N)
-    cdef Py_ssize_t[::1] before = found
-    cdef double[::1] best = values
-    if costs.shape[1] != N:
-        raise InputError("costs must be of each two way points")
-    if N:
-        _chain(&costs[0, 0], N, &best[0], &before[0])
-    return found
-
-
-cdef void _chain(const double *costs, Py_ssize_t N, double *best, Py_ssize_t *before) noexcept nogil:
-    cdef Py_ssize_t i, j
-    best[0] = 0.0
-    for j in range(1, N):
-        best[j], before[j] = best[0] + costs[j], 0
-        for i in range(1, j):
-            if best[i] + costs[N * i + j] < best[j]:
-                best[j], before[j] = best[i] + costs[N * i + j], i
-
-
-def prove_edges(
-    DistanceBounds bounds not None, EdgeTable limits not None, Required required not None, double floor,
-    const double[:, ::1] starts, const double[:, ::1] ends,
-):
-    """Return which edges between `starts` and `ends: (E, n)` bounds prove to be free, and at how many places."""
-    cdef Py_ssize_t E = starts.shape[0], n = limits.n, k, places = 0
-    cdef Outcome outcome
-    if starts.shape[1] != n or ends.shape[1] != n or ends.shape[0] != E:
-        raise InputError(f"edges must be between as many configurations of {n} joints")
-    bounds._check(required, limits.m)
-    found = np.zeros(E, np.bool_)
-    cdef unsigned char[::1] free_ = found.view(np.uint8)
-    if not bounds.bounded:
-        return found, 0
-    cdef Workspace work = bounds.workspace()
-    with nogil:
-        for k in range(E):
-            outcome = prove_edge(
-                &bounds.pairs, work, &starts[k, 0], &ends[k, 0], limits,
-                &required.distances[0] if bounds.pairs.count else NULL, required.most, floor,
-            )
-            free_[k], places = outcome.number == 0, places + outcome.places
-    bounds._free.append(work)
-    return found, places
-
-
-def weeded_chain(
-    DistanceBounds bounds not None, EdgeTable limits not None, Required required not None, double floor,
-    double[:, ::1] costs, Py_ssize_t[:, ::1] known, double most, const double[:, ::1] path,
-):
-    """Return what comes before each way point of `path: (N, n)` on the cheapest way to it, and at how many places.
-
-    Edges on the way to the last way point that are certainly blocked get infinite costs (N, N) first, but for those
-    that are `known: (N, N)`, and unless the way costs more than `most`. Edges that are looked at become known: 2 as
-    proven ones, else 1.
-    """
-    cdef Py_ssize_t N = path.shape[0], n = limits.n, i, j, places = 0
-    cdef double total
-    cdef bint refused = True
-    cdef Outcome outcome
-    if path.shape[1] != n or costs.shape[0] != N or costs.shape[1] != N or known.shape[0] != N or known.shape[1] != N:
-        raise InputError(f"way points must have {n} joints, and there must be a cost for each two of {N} way points")
-    bounds._check(required, limits.m)
-    found, values = np.zeros(N, np.intp), np.zeros(N)
-    cdef Py_ssize_t[::1] before = found
-    cdef double[::1] best = values
-    if not bounds.bounded or not N:
-        return chained(costs), 0
-    cdef Workspace work = bounds.workspace()
-    with nogil:
-        while refused:
-            _chain(&costs[0, 0], N, &best[0], &before[0])
-            total, refused, j = 0.0, False, N - 1
-            while j > 0:
-                total += costs[before[j], j]
-                j = before[j]
-            j = N - 1 if total <= most and total < INFINITY else 0
-            while j > 0:
-                i = before[j]
-                if known[i, j] == _UNKNOWN:
-                    known[i, j] = _LOOKED_AT
-                    outcome = prove_edge(
-                        &bounds.pairs, work, &path[i, 0], &path[j, 0], limits,
-                        &required.distances[0] if bounds.pairs.count else NULL, required.most, floor,
-                    )
-                    places += outcome.places
-                    if outcome.number == 0:
-                        known[i, j] = _PROVEN
-                    elif outcome.number < 0:
-                        costs[i, j], refused = INFINITY, True
-                j = i
-    bounds._free.append(work)
-    return found, places

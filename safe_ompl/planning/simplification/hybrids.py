@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from safe_ompl.common import FloatArray
-from safe_ompl.planning.simplification.cost import ActiveSetCost
-from safe_ompl.planning.simplification.costs import LOOKED_AT, arc_lengths
-from safe_ompl.planning.simplification.edges import EdgeProofs, cheapest_proven_chain
+from safe_ompl.planning.simplification.costs import arc_lengths
+from safe_ompl.planning.simplification.descent import ActiveSetCost
+from safe_ompl.planning.simplification.edges import LOOKED_AT, EdgeProofs, cheapest_proven_chain
 from safe_ompl.planning.simplification.simplifier import SAME_CLEARANCE, Simplifier, Stop
 from safe_ompl.robot import plain
 

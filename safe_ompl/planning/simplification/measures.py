@@ -19,8 +19,7 @@ class Curve:
 
     def __init__(self, robot: Robot, path: FloatArray) -> None:
         self._points = robot.unrolled(path)
-        self._arc = arc_lengths(self._points)
-        self.length = float(self._arc[-1])
+        self.length = path_length(self._points)
 
     def spread(self, step: float) -> FloatArray:
         """Return configurations (S, n) at equal steps, no longer than `step` [rad], from start to goal."""
@@ -28,7 +27,7 @@ class Curve:
 
     def at(self, s: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at arc lengths `s: (S,)`."""
-        return at_arc_lengths(self._points, self._arc, plain(s))
+        return at_arc_lengths(self._points, plain(s))
 
 
 _FINE = 0.25  # [rad] Segments near obstacles are halved if they are longer: finer ones descend slowly.

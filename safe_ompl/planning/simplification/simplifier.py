@@ -14,20 +14,14 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.common import FloatArray, InputError, number
 from safe_ompl.danger import DangerField
-from safe_ompl.planning.simplification.cost import (
-    WEIGHT,
-    ActiveSetCost,
-    DangerDensity,
-    ObstacleCost,
-    PathCost,
-    reference_danger,
-)
-from safe_ompl.planning.simplification.descent import BestPath, Better, ProvenDescent, Terms
+from safe_ompl.planning.simplification.cost import WEIGHT, DangerDensity, ObstacleCost, PathCost, reference_danger
+from safe_ompl.planning.simplification.descent import ActiveSetCost, BestPath, ProvenDescent, Terms
 from safe_ompl.planning.simplification.edges import MOST, EdgeProofs, joined, retreat, shortcut
 from safe_ompl.planning.simplification.measures import divided, path_length, refined
-from safe_ompl.robot import motion_limits
+from safe_ompl.robot import motion_limits, plain
 
 Stop = Callable[[], bool]
+Better = Callable[[FloatArray, float], None]
 
 _SPACING = 0.5  # [rad] way points are no farther apart when the descent begins; then they move
 _LONGER = 1.25  # times the given path no path becomes longer
@@ -271,18 +265,18 @@ class SimplificationRun:
         apart = np.linalg.norm(self._robot.difference(start[0], goal[0]))
         if len(start) == len(goal) == 1 or apart <= path_length(start) + path_length(goal):
             return False  # nothing to leave, or nowhere to go from there
-        if self._proofs.refused(start) or self._proofs.refused(goal[::-1]):
+        if self._proofs.refused(start) or self._proofs.refused(plain(goal[::-1])):
             return False
         between = self._shortcut(joined, np.concatenate([start[-1:], path[1:-1], goal[-1:]]))
         if between is None or sum(map(path_length, (start, between, goal))) > self._terms.longest:
             return False
         if self._stop():
             return False
-        goal = goal[::-1] + (between[-1] - goal[-1])  # continuous joints may have been unwound
+        goal = plain(goal[::-1] + (between[-1] - goal[-1]))  # continuous joints may have been unwound
         descent = self._descent(self._divided(between), (start, goal))
         # Ends that are left well may cost more than shortcuts, though not more than the given path.
         whole = np.concatenate([start[:-1], between, goal[1:]])
-        descent.leads = self._best.take(whole, descent.price.cost)
+        descent.leads = self._best.take(whole, descent.here.cost)
         descent.run()
         return descent.leads
 

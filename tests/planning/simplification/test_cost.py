@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 
 from safe_ompl import CollisionChecker, DangerField, InputError, Obstacle, Pose, Scene, Sphere
-from safe_ompl.planning.simplification.cost import (
-    ActiveSetCost,
-    DangerDensity,
-    ObstacleCost,
-    PathCost,
-    reference_danger,
-)
+from safe_ompl.planning.simplification.cost import DangerDensity, ObstacleCost, PathCost, reference_danger
+from safe_ompl.planning.simplification.descent import ActiveSetCost
 from safe_ompl.planning.simplification.measures import divided
 
 

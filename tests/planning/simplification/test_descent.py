@@ -5,8 +5,9 @@ import pytest
 
 from safe_ompl import DangerField
 from safe_ompl.danger.static import MAXIMUM, DangerPointTable, PointDanger, SkeletonTable
-from safe_ompl.planning.simplification.cost import ActiveSetCost, DangerDensity
-from safe_ompl.planning.simplification.costs import DangerTerms, Densities, QuadraticModel, Walk, gauss_points
+from safe_ompl.planning.simplification.cost import DangerDensity
+from safe_ompl.planning.simplification.costs import DangerTerms, Densities, PricedPath, Walk, gauss_points
+from safe_ompl.planning.simplification.descent import ActiveSetCost
 from safe_ompl.planning.simplification.measures import Curve, divided
 from safe_ompl.robot import motion_limits
 from safe_ompl.robot.kinematics import JOINT, KEY_POINT, JointTable, KeyPointTable
@@ -19,7 +20,7 @@ def never():
 def descended(robot, field, path, steps=60):
     cost = ActiveSetCost(DangerDensity(field, 10.0), None, path)
     walk = Walk(*motion_limits(robot))
-    walk.restart(cost.densities(), path, cost.model(path))
+    walk.restart(cost.densities(), cost.model(path))
     values = [walk.cost]
     while len(values) <= steps and not walk.descend(never, 1, 0.4, 0.0):
         values.append(walk.cost)
@@ -34,10 +35,10 @@ def test_a_path_among_dangers_that_no_small_change_makes_cheaper(panda, rng):
     assert values[12] - values[-1] < 0.01 * (values[0] - values[-1]), "few steps go most of the way"
     assert (np.diff(values) < 0).all()
     assert values[-1] < 0.75 * values[0]
-    best = walk.path
+    best = walk.here.path
     assert cost.of(best) == pytest.approx(values[-1], rel=1e-3)
     np.testing.assert_array_equal(best[[0, -1]], path[[0, -1]])
-    np.testing.assert_allclose(walk.danger, field.values(gauss_points(best)), rtol=1e-12)
+    np.testing.assert_allclose(walk.here.danger, field.values(gauss_points(best)), rtol=1e-12)
     for _ in range(20):
         change = np.zeros_like(path)
         change[1:-1] = rng.normal(0.0, 0.01, change[1:-1].shape)
@@ -76,9 +77,9 @@ def test_it_solves_what_the_whole_matrix_solves(rng, count, n):
     terms = DangerTerms(danger, 1.0, np.eye(n), np.zeros(n))
     densities = Densities(terms, np.zeros(0, np.intp), np.zeros((0, 10)), np.zeros((0, 2)))
     walk = Walk(-np.ones(n), np.ones(n))
-    walk.restart(
-        densities, np.zeros((count, n)), QuadraticModel(0.0, 0.0, right.reshape(count, n), blocks, beside), held
-    )
+    at = PricedPath(np.zeros((count, n)), n)
+    at.gradient[:], at.blocks, at.beside = right.reshape(count, n), blocks, beside
+    walk.restart(densities, at, held)
     held[[0, -1]] = True
     right.reshape(count, n)[held] = 0.0
     whole[np.repeat(held, n)], whole[:, np.repeat(held, n)] = 0.0, 0.0
