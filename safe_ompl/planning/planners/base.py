@@ -130,7 +130,8 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     si : ob.SpaceInformation
         The space, with its validity checker and motion validator.
     name : str, optional
-        Name in logs and benchmarks; by default that of the class.
+        Name in logs and benchmarks; by default that of the class. A flag in its place, as RRT and PRM of OMPL take one,
+        has no effect, and a warning says so.
     range : float >= 0, default 0.0 [rad]
         Largest length of one extension, before it moves sideways; 0 takes 7.5 % of the space's extent.
     **parameters
@@ -146,8 +147,17 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     range = Parameter(0.0)
 
-    def __init__(self, si: Any, name: str | None = None, **parameters: Any) -> None:
-        super().__init__(si, name or type(self).__name__)
+    def __init__(self, si: Any, name: str | bool | None = None, **parameters: Any) -> None:
+        if not (name is None or isinstance(name, (str, bool))):
+            raise InputError(f"name of {type(self).__name__} must be a string, got {name!r}")
+        own = type(self).__name__ if isinstance(name, bool) or not name else name
+        super().__init__(si, own)
+        if isinstance(name, bool):
+            warn_once(
+                _log,
+                f"{own}(si, {name}): the flag has no effect. Of OMPL's planners it asks for intermediate states or for "
+                "the star strategy, which ours do not have",
+            )
         self.counts = Counts()
         # As for OMPL's own planners the seed follows from `ou.RNG.setSeed`, if that was called before.
         self.setSeed(ou.RNG().getLocalSeed())

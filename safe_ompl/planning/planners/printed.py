@@ -132,7 +132,7 @@ class PaperSafePRM(SafePlanner):
         roadmap = self._roadmap
         missing = self.samples + len(roadmap.starts) + len(roadmap.goals) - len(roadmap)
         if missing > 0:
-            roadmap.add(self._problem.valid_samples(self._rng, missing))  # RANDOM_SET
+            roadmap.add(self._problem.valid_samples(self._rng, missing, ptc))  # RANDOM_SET
         self._take_goals(ptc)
         graph = SearchGraph(len(roadmap), roadmap.starts, from_start=True)
         other = SearchGraph(len(roadmap), roadmap.goals, from_start=False)

@@ -126,7 +126,7 @@ class SafePRM(SafePlanner):
 
     def _search(self, ptc: Any) -> FloatArray | None:
         roots = len(self._roadmap.starts) + len(self._roadmap.goals)
-        self._random_set(self.samples + roots - len(self._roadmap))
+        self._random_set(self.samples + roots - len(self._roadmap), ptc)
         while not ptc():
             self._take_goals(ptc, _GOAL_SAMPLES)
             ends = self._roadmap.starts, self._roadmap.goals
@@ -138,7 +138,7 @@ class SafePRM(SafePlanner):
                 return self._driven(path, ptc)
             if path is None and not ptc():
                 self._margin.lower()
-                self._enlarge(min(graph, other, key=lambda g: len(g.milestones)))
+                self._enlarge(min(graph, other, key=lambda g: len(g.milestones)), ptc)
         return None
 
     def _safe_prm_planner(self, graph: SearchGraph, other: SearchGraph, ptc: Any) -> list[int] | None:
@@ -200,23 +200,23 @@ class SafePRM(SafePlanner):
 
     # ---------------------------------------------------------------------------------------------- samples
 
-    def _random_set(self, count: int) -> None:
+    def _random_set(self, count: int, ptc: Any) -> None:
         """RANDOM_SET: add random milestones."""
         if count > 0:
-            self._roadmap.add(self._problem.valid_samples(self._rng, count))
+            self._roadmap.add(self._problem.valid_samples(self._rng, count, ptc))
 
-    def _enlarge(self, stuck: SearchGraph) -> None:
+    def _enlarge(self, stuck: SearchGraph, ptc: Any) -> None:
         """Add milestones: some uniform, most of them around the graph that cannot go on."""
         roadmap = self._roadmap
         if len(roadmap) > _LARGEST_ROADMAP:
-            self._restart_roadmap()
+            self._restart_roadmap(ptc)
             return
         fringe = roadmap.configurations[stuck.closed]
         count = min(_LARGEST_GROWTH, 1 + int(_GROWTH * len(roadmap)))
         outwards = round(_TOWARDS_SHARE * count) if len(fringe) else 0
         rows = [self._outwards(fringe, outwards)] if outwards else []
         if count > outwards:
-            rows.append(self._problem.valid_samples(self._rng, count - outwards))
+            rows.append(self._problem.valid_samples(self._rng, count - outwards, ptc))
         roadmap.add(np.concatenate(rows))
 
     def _outwards(self, fringe: FloatArray, count: int) -> FloatArray:
@@ -263,7 +263,7 @@ class SafePRM(SafePlanner):
         self._detours: dict[tuple[int, int, float, float, float], list[FloatArray]] = {}
         self._margin.reset()
 
-    def _restart_roadmap(self) -> None:
+    def _restart_roadmap(self, ptc: Any) -> None:
         """Forget all milestones but starts and goals."""
         old = self._roadmap
         self._forget()
@@ -271,4 +271,4 @@ class SafePRM(SafePlanner):
             self._roadmap.add_start(old.configurations[start])
         for goal in old.goals:
             self._roadmap.add_goal(old.configurations[goal])
-        self._random_set(self.samples)
+        self._random_set(self.samples, ptc)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import sqrt
 from typing import Any
 
@@ -95,17 +95,17 @@ class PlanningProblem:
         known = isinstance(validity, CollisionFreeValidity)
         return validity, validator, *((validity.check, validity.checker.revision) if known else ())
 
-    def valid_samples(self, rng: np.random.Generator, count: int) -> FloatArray:
+    def valid_samples(self, rng: np.random.Generator, count: int, stop: Callable[[], bool]) -> FloatArray:
         """Return random configurations (count, n), uniform ones that may not be valid.
 
         Where the space information was given an allocator of valid state samplers, its samples are taken: (S, n), at
-        most `count`, as such a sampler may fail.
+        most `count`, as such a sampler may fail. It may also take long, so that it is asked until `stop` says so.
         """
         sampler = self._si.allocValidStateSampler()
         if type(sampler) is ob.UniformValidStateSampler:  # OMPL's, where there is no allocator
             return self.random(rng, count)
         state = self._from.state
-        rows = [self.bridge.read(state) for _ in range(count) if sampler.sample(state)]
+        rows = [self.bridge.read(state) for _ in range(count) if not stop() and sampler.sample(state)]
         return np.array(rows).reshape(-1, self.bridge.n)
 
     def random(self, rng: np.random.Generator, *count: int) -> FloatArray:

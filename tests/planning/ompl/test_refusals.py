@@ -1,11 +1,14 @@
 """What is asked of OMPL's objects is answered or refused in words; no refusal fails itself."""
 
+import inspect
+
 import numpy as np
 import pytest
 from ompl import base as ob, geometric as og
 
-from safe_ompl import InputError, SafePRM, SafeRRTConnect, SafeSetup, Scene
+from safe_ompl import InputError, SafePRM, SafeRRTConnect, SafeSetup, Scene, make_planner, planner_names
 from safe_ompl.common import told_apart
+from safe_ompl.planning.planners.base import UnansweredRequest
 from safe_ompl.robot import ScratchState
 
 
@@ -81,3 +84,44 @@ def test_a_path_of_ompl_over_the_half_turn_goes_the_short_way(kinova):
 )
 def test_a_value_outside_is_told_from_its_limits(value, limits, shown):
     assert told_apart(value, *limits)[0] == shown
+
+
+# What OMPL's bindings call in Python without harm. `getPlannerData`, `printSettings` and `printProperties` end the
+# process when C++ calls them, and what else is virtual is mostly never called.
+COSTS = ["stateCost", "motionCost", "initialCost", "terminalCost", "averageStateCost", "identityCost", "infiniteCost"]
+COSTS += ["motionCostHeuristic", "motionCostBestEstimate", "combineCosts", "subtractCosts", "betterCost"]
+COSTS += ["isCostBetterThan", "isCostEquivalentTo", "isFinite", "isSatisfied", "isSymmetric"]
+CALLED = {
+    ob.Planner: {"solve", "setup", "clear", "clearQuery"},
+    ob.StateValidityChecker: {"isValid", "clearance"},
+    ob.MotionValidator: {"checkMotion"},
+    ob.OptimizationObjective: set(COSTS),
+    ob.GoalSampleableRegion: {"sampleGoal", "maxSampleCount", "couldSample", "distanceGoal"},
+}
+
+
+def descendants(kind):
+    own = [c for c in kind.__subclasses__() if c.__module__.startswith("safe_ompl.")]
+    return {*own, *(below for c in own for below in descendants(c))}
+
+
+@pytest.mark.parametrize("base", CALLED)
+def test_only_what_the_bindings_call_without_harm_is_overridden(base, ur5):
+    si = SafeSetup(ur5, Scene(())).getSpaceInformation()
+    for name in planner_names():
+        make_planner(name, si)  # imports its class
+    kinds = descendants(base)
+    assert kinds
+    for kind in kinds:
+        ours = [c for c in kind.__mro__ if c.__module__.startswith("safe_ompl.")]
+        names = {name for c in ours for name in vars(c) if hasattr(base, name) and not name.startswith("__")}
+        # To C++ this is OMPL's own method, which gives nothing.
+        kept = {name for name in names if inspect.getattr_static(kind, name).__class__ is UnansweredRequest}
+        assert names - kept <= CALLED[base], kind
+        assert kept <= {"getPlannerData"}
+
+
+@pytest.mark.parametrize("name", planner_names())
+def test_no_attribute_of_a_planner_has_the_name_of_a_method_of_ompls(ur5, name):
+    planner = make_planner(name, SafeSetup(ur5, Scene(())).getSpaceInformation())
+    assert not {*getattr(planner, "__dict__", {})} & {*dir(ob.Planner)} - {"__dict__", "__weakref__"}

@@ -51,6 +51,13 @@ def test_defaults_keywords_setters_and_attributes_are_one_value(point):
     assert (other.share, other.length) == (0.5, 2.0)
 
 
+def test_ompls_flag_in_the_place_of_the_name_has_no_effect_and_that_is_said(point, caplog):
+    assert Declared(point, True).getName() == "Declared"
+    assert "Declared(si, True): the flag has no effect" in caplog.text
+    with pytest.raises(InputError, match="name of Declared must be a string, got 3"):
+        Declared(point, 3)
+
+
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [

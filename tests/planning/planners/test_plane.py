@@ -345,6 +345,11 @@ def test_a_roadmap_asks_the_sampler_that_it_is_given(kind):
     assert task.solve() == EXACT
     (through,) = {y for x, y in task.path[1:-1]}
     assert through == 0.65
+    slow, samplers = PlaneProblem(kind, neighbors=60), list[OnlyAbove]()
+    slow.si.setValidStateSamplerAllocator(lambda si: samplers.append(OnlyAbove(si)) or samplers[-1])
+    slow.solve(ob.PlannerTerminationCondition(lambda: bool(samplers) and samplers[-1].asked >= 10))
+    assert samplers[0].asked == 10, "it may take long"
+    slow.si.clearValidStateSamplerAllocator()
     task.si.clearValidStateSamplerAllocator()
 
 
