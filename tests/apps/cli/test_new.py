@@ -12,6 +12,7 @@ import pytest
 from safe_ompl import Robot, Scenario, plan_program
 from safe_ompl.apps import main
 from safe_ompl.common.errors import warn_once
+from safe_ompl.planning import setup_scenario
 from safe_ompl.robot import robots_folder
 
 SCARA = """
@@ -53,6 +54,25 @@ def test_a_new_scenario_can_be_planned(urdf, tmp_path, capsys):
     assert scenario.scene["person"].weight == 1.0
     assert main(["plan", str(file), "--json", str(result)]) == 0
     assert json.loads(result.read_text())["certified"]
+    again = tmp_path / "again" / "mine.yaml"
+    again.parent.mkdir()
+    assert main(["new", str(urdf), "-o", str(again)]) == 0
+    assert Scenario.load(again).scene == scenario.scene
+
+
+@pytest.mark.parametrize("robot", ["scara", "z1", "xarm7"])
+def test_the_way_past_the_person_matters(robot, urdf, tmp_path):
+    file = tmp_path / "mine.yaml"
+    given = urdf if robot == "scara" else next(robots_folder().rglob(f"{robot}.urdf"))
+    assert main(["new", str(given), "-o", str(file)]) == 0
+    setup = setup_scenario(scenario := Scenario.load(file))
+    start, (goal, *_) = scenario.start_configuration(setup.robot), scenario.goal_configurations(setup.robot)
+    straight = np.linspace(start, goal, 41)
+    clearances = [setup.checker.clearance(q).distance for q in straight]
+    assert 0.05 <= min(clearances) < 0.09
+    assert min(clearances[0], clearances[-1]) > 2 * min(clearances)
+    result = setup.plan("SafeRRTConnect", time=5.0, seed=1, simplify=True)
+    assert result.report.danger.max < 0.85 * setup.field.values(straight).max()
 
 
 @pytest.mark.parametrize("name", ["1e3", "no", "0x10", "12:30", "null", "~", "1_000", "a: b", "- c", "2026-11-29"])
