@@ -13,13 +13,14 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.certificates import Certificate, RecordedCell
+from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import FloatArray, InputError, documents as document, finite_array
 from safe_ompl.danger import DangerField
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
 from safe_ompl.io import CarriedProblem, MotionRecord, built_robot, built_scene, read_ticks
 from safe_ompl.motions import Motion, MotionCheck
 from safe_ompl.planning import PlanResult
-from safe_ompl.planning.simplification import Curve
+from safe_ompl.planning.simplification import Curve, PathReport
 from safe_ompl.robot import PackageDir, Robot
 from safe_ompl.scene import CORE, Scene
 from safe_ompl.tasks import ProgramResult, program_robot
@@ -186,6 +187,34 @@ class ViewerContent:
             return None
         found = DangerField.of_options(self.robot, self.scene, self.danger)
         return found if len(found.points) else None
+
+    @cached_property
+    def reports(self) -> Mapping[str, PathReport]:
+        """The report on each path; none where people or things move meanwhile, as they are in no report."""
+        if self.movers is not None:
+            return {}
+        checker = CollisionChecker(self.robot, self.scene)
+        return {name: PathReport.of(path, checker, self.danger_field) for name, path in self.paths.items()}
+
+    @cached_property
+    def safest(self) -> str:
+        """The name of the path of least mean danger, of equal ones that with most clearance; empty for one path."""
+
+        def cost(name: str) -> tuple[float, float]:
+            report = self.reports[name]
+            return 0.0 if report.danger is None else report.danger.mean, -report.clearance.min
+
+        return min(self.reports, key=cost) if len(self.reports) > 1 else ""
+
+    def facts(self, name: str) -> list[str]:
+        """Return mean and peak danger, least clearance and length of a path in words; empty where none is known."""
+        report = self.reports.get(name)
+        if report is None:
+            return []
+        said = [] if report.danger is None else [f"danger: mean {report.danger.mean:.1f}, peak {report.danger.max:.1f}"]
+        if report.clearance.obstacle is not None:
+            said.append(f"least clearance: {1e3 * report.clearance.min:.0f} mm")
+        return [*said, f"length: {report.length:.2f} rad"]
 
     def along(self, name: str, shares: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at fractions (S,) of the length of a path, or of the playing time."""

@@ -289,10 +289,10 @@ class PathView:
 
     def describe(self, q: FloatArray, share: float | None) -> str:
         """Return what there is to say of `q: (n,)` in words, as Markdown."""
-        lines = [f"**{self.name or self._content.robot.name}**"]
+        lines = [f"**{self.name or self._content.robot.name}**", *self._content.facts(self.name)]
         field = self._content.danger_field
         if field is not None:
-            lines.append(f"danger {field.value(q):.3f}")
+            lines.append(f"danger here: {field.value(q):.2f}")
         lines += [f"{1e3 * found.distance:.0f} mm: {found.link} – {found.obstacle}" for found in self.lines.found(q)]
         if self.record is not None and share is not None:
             lines.append(self.record.remark(share * self._content.playing_time))

@@ -360,8 +360,9 @@ def save_animation(content: ViewerContent, file: str | Path) -> None:
     shares = np.linspace(0.0, 1.0, max(FEWEST_FRAMES, round(RATE * content.playing_time) + 1))
     paths = {name: content.along(name, shares) for name in content.paths}
     captions = [_captions(content, name, way, shares) for name, way in paths.items()]
+    safest = f"Safest: {content.safest}" if content.safest else ""
     pages = [
-        _panels([_Panel(*shown) for shown in zip(images, paths, [words[k] for words in captions], strict=True)])
+        _panels([_Panel(*shown) for shown in zip(images, paths, [words[k] for words in captions], strict=True)], safest)
         for k, images in enumerate(_frames(content, paths, shares * content.playing_time))
     ]
     duration = round(1e3 * content.playing_time / (len(shares) - 1))  # [ms] of a frame
@@ -408,7 +409,7 @@ def _captions(content: ViewerContent, name: str, way: FloatArray, shares: FloatA
         found = checker.clearance(q)
         facts = [] if dangers is None else [f"danger {dangers[k]:.1f}"]
         facts += [] if found.obstacle is None else [f"{1e3 * found.distance:.0f} mm to {found.obstacle}"]
-        captions.append(", ".join(facts))
+        captions.append("\n".join([", ".join(facts), "; ".join(content.facts(name)[:-1])]))
     return captions
 
 

@@ -54,7 +54,8 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
     styles: dict[str, PlannerStyle] = {}
     others = cycle(zip(_OTHERS, _OTHER_DASHES, strict=True))
     for name in names:
-        family = next((key for key in _FAMILIES if name.endswith((key, f"{key}Planner"))), None)
+        planner = name.partition(",")[0]  # without a seed, or options
+        family = next((key for key in _FAMILIES if planner.endswith((key, f"{key}Planner"))), None)
         kind = next((kind for kind in _KINDS if name.startswith(kind)), None)
         if kind is None and family is not None and name.startswith(f"{family}Planner"):
             kind = "Safe"

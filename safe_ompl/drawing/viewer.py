@@ -5,10 +5,12 @@ from __future__ import annotations
 import webbrowser
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
+from html import escape
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from time import perf_counter, sleep
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +18,7 @@ from safe_ompl.common import FloatArray, InputError, SafeOmplError, files
 from safe_ompl.drawing.content import ViewerContent
 from safe_ompl.drawing.drawn_scene import DrawnScene, best_view
 from safe_ompl.drawing.path_view import BOARD_SHAPE, PathView
-from safe_ompl.drawing.style import planner_styles
+from safe_ompl.drawing.style import planner_styles, rgb
 from safe_ompl.drawing.surfaces import RobotBody
 from safe_ompl.io import CarriedProblem, MotionRecord
 from safe_ompl.motions import Trajectory
@@ -179,6 +181,13 @@ class BrowserView:
         camera = best.framing(points, azimuth, elevation, _SIZE, _FIELD_OF_VIEW)
         initial = self.server.initial_camera
         initial.position, initial.look_at, initial.fov = camera.eye, camera.target, camera.field_of_view
+        self.server.on_client_connect(_see_all)
+
+
+def _see_all(client: Any) -> None:
+    """Open the camera of a narrow window, such as a phone's, until it sees as much from side to side as a wide one."""
+    across = np.tan(0.5 * _FIELD_OF_VIEW) * _SIZE[0] / _SIZE[1]
+    client.camera.fov = max(_FIELD_OF_VIEW, 2.0 * float(np.arctan(across / client.camera.aspect)))
 
 
 _REST = 0.8  # [s] at the goal, before it begins again
@@ -187,7 +196,10 @@ _FEWEST, _MOST = 97, 1501  # frames
 
 
 def save_page(content: ViewerContent, file: str | Path) -> None:
-    """Write a view as one HTML file that needs no server and no network; SafeOmplError if viser is not installed."""
+    """Write a view as one HTML file that needs no server and no network; SafeOmplError if viser is not installed.
+
+    It opens at the start of the motion, and is played from there.
+    """
     view = BrowserView(content)
     try:
         recording = view.server.get_scene_serializer()
@@ -198,9 +210,59 @@ def save_page(content: ViewerContent, file: str | Path) -> None:
                 recording.insert_sleep(content.playing_time / (frames - 1))
                 view.go_to(float(share))
             recording.insert_sleep(_REST)
-        files.write(file, recording.as_html())
+        before, end, after = recording.as_html().rpartition("</body>")
+        files.write(file, before + _on_page(content) + end + after)
     finally:
         view.stop()
+
+
+# The client of viser has no panel and begins to play where a page is opened. Scripts of the page's body run before it.
+_PAGE = """
+<style>
+html > body { display: flex; flex-direction: column; font: 14px/1.45 system-ui, sans-serif; color: #222 }
+body > #root { flex: 1; height: auto; min-height: 0 }
+#paths { order: -1; max-height: 40vh; overflow: auto; padding: 0.5em 0.9em; border-bottom: 1px solid #e4e6e8 }
+#paths summary { cursor: pointer; font-weight: 600 }
+#paths p { display: inline-block; vertical-align: top; margin: 0.4em 3em 0.2em 0 }
+</style>
+%(panel)s
+<script>
+{
+  const panel = document.getElementById("paths"), aspect = innerWidth / innerHeight;
+  if (panel && innerWidth < %(small)d) panel.open = false;
+  const across = %(across)f;
+  try { history.replaceState(null, "", "?initialCameraFov=" + 2 * Math.atan(Math.max(%(tan)f, across / aspect))); }
+  catch (error) { console.log("the camera stays as it is", error); }
+  const time = () => document.querySelector("input[inputmode=decimal]");
+  const loaded = setInterval(() => {
+    if (!time()) return;
+    clearInterval(loaded);
+    setTimeout(() => dispatchEvent(new KeyboardEvent("keydown", { code: "Space" })), 300);
+    setTimeout(() => {
+      if (!parseFloat(time().value)) return;
+      Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(time(), "0");
+      time().dispatchEvent(new Event("input", { bubbles: true }));
+    }, 600);
+  }, 50);
+}
+</script>
+"""
+_SMALL = 600  # [px] a window that is less wide is a phone's
+
+
+def _on_page(content: ViewerContent) -> str:
+    """Return what a page has besides the scene: what the paths are like, above it, and what it does at first.
+
+    It stops at the start, folds the facts up on a small screen, and sees as much from side to side in a narrow window.
+    """
+    styles, parts = planner_styles(content.paths), []
+    for name in content.reports:
+        dot = f'<span style="color: rgb{rgb(styles[name].colour)}">●</span>'
+        parts.append(f"<p>{'<br>'.join([f'{dot} <b>{escape(name)}</b>', *content.facts(name)])}</p>")
+    heading = f"Safest: {escape(content.safest)}" if content.safest else "Path"
+    panel = f'<details id="paths" open><summary>{heading}</summary>{"".join(parts)}</details>' if parts else ""
+    tan = np.tan(0.5 * _FIELD_OF_VIEW)
+    return _PAGE % {"panel": panel, "small": _SMALL, "tan": tan, "across": tan * _SIZE[0] / _SIZE[1]}
 
 
 _FRAME, _IDLE = 1 / 30, 0.1  # [s]
@@ -208,17 +270,25 @@ _STEP = 1e-3
 
 
 class Controls:
-    """The panel of a live view: play bar and joint sliders."""
+    """The panels of a live view: the play bar, what the paths are like, and joint sliders.
+
+    What the paths are like has a panel of its own beside the scene: the browser folds it up on a small screen.
+    """
 
     def __init__(self, view: BrowserView, clock: Callable[[], float] = perf_counter) -> None:
         self._view, self._clock = view, clock
         self._gui = view.server.gui
-        self._text = self._gui.add_markdown("")
         self._last = clock()
         self._playing = False
         self._following = False  # whether sliders follow the robot, and do not lead it
+        if view.content.safest:
+            self._gui.add_markdown(f"**Safest: {view.content.safest}**")
         if view.content.paths:
             self._add_play_bar()
+        panel = self._gui.add_panel()
+        with panel.add_tab("Paths" if view.content.paths else "Robot"):
+            self._text = self._gui.add_markdown("")
+        panel.dock_left()
         self._add_joints()
         self._describe()
 

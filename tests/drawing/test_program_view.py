@@ -71,7 +71,7 @@ def test_the_picture_has_the_steps_in_time_beside_the_robot(result):
 
 
 def test_the_command_draws_and_writes_a_motion_that_is_read_back(result, tmp_path, monkeypatch):
-    monkeypatch.setattr("safe_ompl.apps.cli.plan.plan_program", lambda *_, **__: result)
+    monkeypatch.setattr("safe_ompl.tasks.plan_program", lambda *_, **__: result)
     words = ["--plot", str(tmp_path / "p.png"), "--json", str(tmp_path / "p.json")]
     assert main(["plan", "panda_pick_place", *words]) == 0
     shown = imread(tmp_path / "p.png")[..., :3]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import safe_ompl
-from safe_ompl import Box, InputError, Obstacle, Person, PlanResult, Pose, SafeSetup, Scene
-from safe_ompl.drawing import ViewerContent
+from safe_ompl import Box, CollisionChecker, InputError, Obstacle, Person, PlanResult, Pose, SafeSetup, Scene
+from safe_ompl.drawing import ViewerContent, save_page
+from safe_ompl.planning.simplification import PathReport
 
 START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
 
@@ -36,6 +37,27 @@ def test_a_view_knows_where_a_path_goes(result, ur5, scene):
     assert list(two.paths) == ["SafeRRTConnect", "SafeRRTConnect, seed 7"]
     bare = ViewerContent(ur5, scene, danger=None), ViewerContent(ur5, Scene())
     assert [content.danger_field for content in bare] == [None, None]
+
+
+def test_what_paths_are_like_is_said_and_the_safest_is_named(result, ur5, scene, tmp_path):
+    detour = np.array([START, [0.0, -0.6, 0.6, -1.0, -1.57, 0.0], GOAL])
+    content = ViewerContent(ur5, scene, {"detour <b>": detour, "planned": result.path})
+    report = PathReport.of(detour, CollisionChecker(ur5, scene), content.danger_field)
+    assert content.facts("detour <b>") == [
+        f"danger: mean {report.danger.mean:.1f}, peak {report.danger.max:.1f}",
+        f"least clearance: {1e3 * report.clearance.min:.0f} mm",
+        f"length: {report.length:.2f} rad",
+    ]
+    assert report.danger.mean > 1.1 * result.report.danger.mean
+    assert content.safest == "planned"
+    assert ViewerContent.of_results([result]).safest == "", "one path is compared with none"
+    away = ViewerContent(ur5, scene, dict(content.paths), danger=None)
+    assert away.safest == max(away.paths, key=lambda name: away.reports[name].clearance.min), "without danger"
+    pytest.importorskip("viser")
+    save_page(content, tmp_path / "view.html")
+    page = (tmp_path / "view.html").read_text(encoding="utf-8")
+    assert "<summary>Safest: planned</summary>" in page
+    assert f"<b>detour &lt;b&gt;</b><br>{'<br>'.join(content.facts('detour <b>'))}</p>" in page
 
 
 def test_results_that_cannot_be_shown_are_refused(result):

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from itertools import chain
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from ompl import geometric as og
@@ -27,7 +27,9 @@ _log = logging.getLogger(__name__)
 BAND = (15, 85)
 PRACTICE = "OMPL RRTConnect + OMPL's simplifier"
 """The name, in a comparison, of how paths are planned today without this package."""
-_PRACTICE_PLANNER = "RRTConnect"
+ALL_WAYS = 'SafeRRTConnect, ways="all"'
+"""The name, in a comparison, of SafeRRTConnect that looks for the safest way round."""
+_PLANNERS = {PRACTICE: "RRTConnect", ALL_WAYS: "SafeRRTConnect"}
 Value = float | int | bool | str | None
 
 
@@ -63,16 +65,18 @@ def run_planner(
 ) -> PlanResult:
     """Do one run, of the planner by its name or as it is given; what goes wrong in it is a result without a path.
 
-    The name may be `PRACTICE`, too: then OMPL's RRTConnect plans, with the setup's validity and motion checks, and
-    OMPL's `PathSimplifier` simplifies for as long as it finds something to do. A run does not know of other runs, and
-    its result can be sent to other processes: anything may spread runs out. Only an InputError, which all runs would
-    raise, and Ctrl-C arrive here.
+    The name may be `ALL_WAYS`, too, or `PRACTICE`: then OMPL's RRTConnect plans, with the setup's validity and motion
+    checks, and OMPL's `PathSimplifier` simplifies for as long as it finds something to do. A run does not know of other
+    runs, and its result can be sent to other processes: anything may spread runs out. Only an InputError, which all
+    runs would raise, and Ctrl-C arrive here.
     """
     try:
         options: dict[str, Any] = {"parameters": parameters, "simplify": simplify}
         if run.planner == PRACTICE:
             return _practice(setup, run, time, parameters)
-        result = setup.plan(run.planner if planner is None else planner, time=time, seed=run.seed, **options)
+        named = planner_of(run.planner) if planner is None else planner
+        ways: Literal[1, "all"] = "all" if run.planner == ALL_WAYS else 1
+        result = setup.plan(named, time=time, seed=run.seed, ways=ways, **options)
     except InputError:
         raise
     except Exception as error:
@@ -80,14 +84,13 @@ def run_planner(
     # Ctrl-C ends all runs, not one of them.
     if result.interrupted:
         raise KeyboardInterrupt
-    return result
+    return replace(result, planner=run.planner) if run.planner == ALL_WAYS else result
 
 
 def _practice(setup: SafeSetup, run: Run, time: float, parameters: Mapping[str, Any] | None) -> PlanResult:
     """Plan by OMPL's RRTConnect, and simplify by OMPL's simplifier, which knows of length and collision alone."""
-    result = replace(
-        setup.plan(_PRACTICE_PLANNER, time=time, seed=run.seed, parameters=parameters), planner=run.planner
-    )
+    result = setup.plan(planner_of(run.planner), time=time, seed=run.seed, parameters=parameters)
+    result = replace(result, planner=run.planner)
     if not result:
         return result
     begin = perf_counter()
@@ -190,15 +193,15 @@ def _runner_of(campaign: bytes) -> Callable[[Run], PlanResult]:
 
 
 def default_planners(scenario: Scenario) -> tuple[str, ...]:
-    """Return what a comparison has by default: today's practice, and all of our planners that fit the goal."""
+    """Return what a comparison has by default: today's practice, the safest way, and our planners that fit the goal."""
     has_place = scenario.goal.is_place
     ours = (name for name in planner_names() if is_ours(name) and (has_place or not needs_place(name)))
-    return (PRACTICE, *ours)
+    return (PRACTICE, ALL_WAYS, *ours)
 
 
 def planner_of(name: str) -> str:
     """Return the planner that plans under a name of a comparison."""
-    return _PRACTICE_PLANNER if name == PRACTICE else name
+    return _PLANNERS.get(name, name)
 
 
 def run_measures(result: PlanResult) -> dict[str, Value]:

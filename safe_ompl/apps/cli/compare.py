@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -15,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from safe_ompl.apps.benchmark import (
+    ALL_WAYS,
     BAND,
     PRACTICE,
     Campaign,
@@ -71,10 +73,12 @@ def add_commands(commands: Any) -> None:
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=True)
+    planners = options.planners or default_planners(scenario)[1:]
     # Today's practice stands first, and without simplification what is left of it: its planner.
     first = PRACTICE if options.simplify else planner_of(PRACTICE)
-    named = options.planners or default_planners(scenario)[1:]
-    planners = (first, *(name for name in named if name != first or named.count(name) > 1))
+    without = {ALL_WAYS} if first != PRACTICE else set()
+    if list(planners).count(first) < 2:
+        planners = (first, *(name for name in planners if name not in {first, *without}))
     campaign = Campaign(scenario, planners, options.runs, options.time, options.seed, options.simplify)
     setup = setup_scenario(scenario)
     campaign.check(setup)
@@ -182,9 +186,12 @@ _COLUMNS = (_TIME, _MEAN, _PEAK, _CLEARANCE, _LENGTH)
 
 
 def safest(summaries: Sequence[Summary]) -> Summary:
-    """Return the first of ours whose mean danger no other one of ours beats; today's practice is the first of all."""
+    """Return the first of ours that no other one of ours beats in both mean and peak danger.
+
+    The first of all is today's practice.
+    """
     ours = [summary for summary in summaries[1:] if summary.solved] or summaries[-1:]
-    return next(one for one in ours if not any(_MEAN.beats(other, one) for other in ours))
+    return next(one for one in ours if not any(_MEAN.beats(by, one) and _PEAK.beats(by, one) for by in ours))
 
 
 def in_words(practice: Summary, ours: Summary, kind: str) -> str:
@@ -243,7 +250,7 @@ def summary_table(
         blocks.append(lines)
         table.add_column(heading, no_wrap=True, vertical="bottom")
     for summary, *cells in zip(rows, *blocks, strict=True):
-        table.add_row(summary.planner.replace(" + ", " +\n"), f"{summary.solved}/{summary.runs}", *cells)
+        table.add_row(re.sub(r"(?<= \+|\w,) ", "\n", summary.planner), f"{summary.solved}/{summary.runs}", *cells)
     return table
 
 

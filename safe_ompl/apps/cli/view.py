@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from safe_ompl.apps.benchmark import ALL_WAYS, PRACTICE, Run, planner_of, run_planner
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.common import InputError, files
@@ -25,7 +26,7 @@ from safe_ompl.robot import PackageDir
 from safe_ompl.scene import Scenario
 from safe_ompl.tasks import PROGRAM_TIME, plan_program
 
-_PLANNERS = ("SafeRRTConnect", "ClassicRRTConnect")
+_PLANNERS = (PRACTICE, ALL_WAYS)
 _NONE = ("none",)
 
 
@@ -49,9 +50,9 @@ def add_commands(commands: Any) -> None:
     option(
         parser,
         "--planners A,B,…",
-        f"planners for a scenario (default: {','.join(_PLANNERS)}); none: show its start only",
+        "planners for a scenario (default: today's practice, OMPL's RRTConnect and OMPL's simplifier, and "
+        "the safest way of SafeRRTConnect, both simplified); none: show its start only",
         arguments.names,
-        _PLANNERS,
     )
     arguments.add_run_options(parser, usual_time="the scenario's")
     option(parser, "--html FILE", "write one file that opens offline, with a play bar (.html)", output.PAGE)
@@ -128,9 +129,16 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
         return ViewerContent(robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name)
     setup = setup_scenario(scenario, robot)
     results = []
-    for planner in options.planners:
-        check_named_planner(scenario, planner, setup)
-        result = setup.plan(planner, **arguments.run_options(options, scenario, planner))
+    for planner in options.planners or _PLANNERS:
+        check_named_planner(scenario, planner_of(planner), setup)
+        chosen = arguments.run_options(options, scenario, planner_of(planner))
+        if not options.planners:
+            chosen["simplify"] = options.simplify or True
+        if planner in _PLANNERS:
+            del chosen["seed"]
+            result = run_planner(setup, Run(planner, options.seed), **chosen)
+        else:
+            result = setup.plan(planner, **chosen)
         if not result:
             output.error_console().print(f"safe-ompl: {planner} found no path: {result.status}")
         results.append(result)

@@ -25,6 +25,7 @@ from safe_ompl import (
     save,
 )
 from safe_ompl.apps.benchmark import (
+    ALL_WAYS,
     PRACTICE,
     Campaign,
     Run,
@@ -95,6 +96,13 @@ def test_todays_practice_is_what_ompls_own_classes_give(scenario, setup, workers
     before = as_planned(setup, result)
     assert (before.report.length, before.simplification_time) == (setup.report(raw).length, 0.0)
     assert (result.planner, result.certified, before.certified) == (PRACTICE, True, True)
+
+
+def test_the_safest_way_of_a_comparison_is_that_of_the_setup(scenario, setup):
+    (result,) = Campaign(scenario, (ALL_WAYS,), 1, seed=3, simplify=True).results(setup)
+    same = setup.plan("SafeRRTConnect", time=scenario.time, seed=3, ways="all")
+    np.testing.assert_array_equal(result.path, same.path)
+    assert (result.planner, result.ways) == (ALL_WAYS, same.ways)
 
 
 class Unlucky(Executor):
@@ -208,10 +216,10 @@ def test_bad_campaigns_are_refused_before_any_run(scenario, setup, planners, run
 def test_default_planners_are_todays_practice_and_all_of_ours_that_fit_the_goal(scenario):
     ours = [name for name in planner_names() if is_ours(name)]
     both = dataclasses.replace(scenario.goal, position=(0.3, 0.0, 0.4))
-    assert default_planners(dataclasses.replace(scenario, goal=both)) == (PRACTICE, *ours)
+    assert default_planners(dataclasses.replace(scenario, goal=both)) == (PRACTICE, ALL_WAYS, *ours)
     configurations = dataclasses.replace(scenario.goal, position=None)
     fitting = [name for name in ours if "JTRRT" not in name]
-    assert default_planners(dataclasses.replace(scenario, goal=configurations)) == (PRACTICE, *fitting)
+    assert default_planners(dataclasses.replace(scenario, goal=configurations)) == (PRACTICE, ALL_WAYS, *fitting)
 
 
 def test_summaries(results):

@@ -311,15 +311,13 @@ def test_the_last_line_says_in_words_what_the_table_has(ours, words):
     assert compare.in_words(summary_of(PRACTICE), summary_of("SafePRM", **ours), "simplified") == words
 
 
-def test_the_safest_is_the_first_of_ours_that_none_of_ours_beats():
-    rows = [
-        summary_of(PRACTICE, mean=1.0),
-        summary_of("a", mean=5.0),
-        summary_of("b", mean=4.0),
-        summary_of("c", mean=4.01),
-    ]
-    assert compare.safest(rows).planner == "b"
-    assert compare.safest([*rows[:1], summary_of("none", runs=0), *rows[1:]]).planner == "b"
+def test_the_safest_is_the_first_of_ours_that_none_of_ours_beats_in_mean_and_peak():
+    values = {"practice": (1.0, 1.0), "a": (5.0, 9.0), "b": (4.5, 7.0), "c": (4.0, 7.0), "d": (4.4, 6.99)}
+    rows = [summary_of(name, mean=mean, peak=peak) for name, (mean, peak) in values.items()]
+    assert compare.safest(rows).planner == "b", "d is better by less than is seen"
+    assert compare.safest([rows[0], summary_of("none", runs=0), *rows[1:2]]).planner == "a"
+    assert compare.safest([*rows, summary_of("e", mean=4.0, peak=6.0)]).planner == "c"
+    assert compare.safest([*rows, summary_of("e", mean=3.9, peak=6.0)]).planner == "e"
 
 
 @pytest.mark.usefixtures("quick_renderer")
