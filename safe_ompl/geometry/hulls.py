@@ -53,7 +53,7 @@ def convex_hull(mesh: coal.BVHModelBase, name: str, thickness: float = 0.0) -> c
     if not np.isfinite(vertices).all():
         raise InputError(f"mesh of {name!r} has vertices that are not finite")
     if np.abs(vertices).max(initial=0.0) > LONGEST:
-        raise InputError(f"mesh of {name!r} reaches {np.abs(vertices).max():g} m, {LONGEST:g} m are the most")
+        raise InputError(f"mesh of {name!r} reaches {np.abs(vertices).max():g} m, {LONGEST:g} m is the limit")
     if not len(vertices):
         raise InputError(f"mesh of {name!r} has no vertices")
     thin = _thin_directions(vertices)

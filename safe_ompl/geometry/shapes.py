@@ -364,7 +364,7 @@ def _check_volume(file: Path, vertices: FloatArray) -> None:
         raise InputError(f"{file} has vertices that are not finite", "file")
     reach, hint = np.abs(vertices).max(), "a file in millimetres needs a scale of [0.001, 0.001, 0.001]"
     if reach > LONGEST:
-        raise InputError(f"{file} reaches {reach:g} m, {LONGEST:g} m are the most; {hint}", "scale")
+        raise InputError(f"{file} reaches {reach:g} m, {LONGEST:g} m is the limit; {hint}", "scale")
     if reach > UNLIKELY:
         warn_once(_log, f"scale: {file.name} reaches {reach:.0f} m: meshes are in metres; {hint}")
     centred = vertices - vertices.mean(axis=0)

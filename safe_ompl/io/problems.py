@@ -149,7 +149,7 @@ def _xml(key: str, value: Any) -> str:
     """Read the text of a URDF or SRDF; what would grow when it is parsed is refused."""
     content = document.text(key, value)
     if len(content) > _MOST_CHARACTERS:
-        raise InputError(f"has {len(content)} characters, {_MOST_CHARACTERS} are the most", key)
+        raise InputError(f"has {len(content)} characters, {_MOST_CHARACTERS} is the limit", key)
     if _DECLARATION.search(content):
         raise InputError("must not declare entities, or a document type", key)
     depth = 0

@@ -118,7 +118,7 @@ def carried_files(key: str, value: Any) -> dict[str, str]:
         files = {name: document.text(name, data) for name, data in given.items()}
     total = sum(map(len, files.values()))
     if total > _MOST_CHARACTERS:
-        raise InputError(f"have {total} characters, {_MOST_CHARACTERS} are the most", key)
+        raise InputError(f"have {total} characters, {_MOST_CHARACTERS} is the limit", key)
     return files
 
 

@@ -213,7 +213,7 @@ def _order(known: tuple[bool, ...]) -> list[str]:
         ready = [name for name in missing if any(parent in have for parent in _HANGS_ON[name])]
         if not ready:
             raise InputError(
-                "nothing is known of the trunk: at least one of head, shoulders, hips and pelvis must have been seen"
+                "the trunk is not known: at least one of head, shoulders, hips and pelvis must have been seen"
             )
         order += ready[:1]
         have.add(ready[0])

@@ -116,8 +116,8 @@ class RateLimits:
             span = " to ".join(dict.fromkeys(f"{pick(default[unsaid]):g}" for pick in (np.min, np.max)))
             warn_once(
                 _log,
-                f"{robot.name}: nobody says how fast {joints} may accelerate: taken is what reaches the velocity limit "
-                f"in {_DEFAULT_RISE_TIME:g} s, {span}; give accelerations",
+                f"{robot.name}: no acceleration limits are given for {joints}: those that reach the velocity limit in "
+                f"{_DEFAULT_RISE_TIME:g} s are assumed ({span}); give accelerations",
             )
         if jerk is None and robot.jerks:
             # A time law limits the jerk of all joints or of none: of the others it may be as high as any.

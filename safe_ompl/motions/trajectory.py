@@ -197,7 +197,7 @@ class Trajectory:
         InputError if there is no such stop, for the trajectory was made without people; or the time is not one.
         """
         if self.brakes is None:
-            raise InputError("the trajectory was made without people: nothing says how it stops")
+            raise InputError("the trajectory was computed without people, so it has no stops")
         begin = number("time", time, at_least=0.0, at_most=self.duration)
         cell, at, rate = self.law.planned(begin)
         brakes = np.minimum.accumulate(self.brakes[cell:])

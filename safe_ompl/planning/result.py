@@ -100,7 +100,7 @@ class PlanResult:
         if self.path is None:
             raise InputError(f"there is no path to time: {self.status}")
         if self.motion is None:
-            raise InputError("the result does not know its robot and scene any more: call time_path")
+            raise InputError("the result has no robot and scene, because it comes from another process: call time_path")
         if self.motion.checker.scene != self.scene:
             raise StaleSceneError("obstacles have moved since this was planned: plan again, or call time_path")
         if options.get("max_danger") is not None and self.danger is not None:
@@ -113,7 +113,7 @@ class PlanResult:
         An InputError if the plan knew no danger, or the result comes from another process.
         """
         if self.robot is None or self.scene is None or self.danger is None:
-            raise InputError("the result knows no danger: it was planned without, or in another process")
+            raise InputError("the result has no danger field: it was planned without one, or in another process")
         return DangerField.of_options(self.robot, self.scene, self.danger)
 
     @property

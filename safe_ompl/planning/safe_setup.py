@@ -215,7 +215,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         Errors as `setConstraints`; an InputError if it is negative or not finite, or there is no danger field.
         """
         if self.field is None:
-            raise InputError("max danger needs a danger field; this setup plans without danger")
+            raise InputError("max danger needs a danger field, and this setup has none")
         self._constrain(danger=DangerLimit(self.field, limit) if number("max danger", limit, at_least=0) else None)
 
     def setMinClearance(
@@ -297,9 +297,10 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
     def setConfigurations(self, start: Any, goals: Any) -> None:
         """Set the start configuration (n,) and one goal (n,) or several (G, n) [rad or m].
 
-        They are numbers in the order of the robot's joints, or mappings by name, as `Robot.named` gives them. An
-        InputError for a wrong shape, NaN, an unknown or missing joint, or what is outside the limits; a CollisionError
-        in collision, or against a constraint. Of several goals only those that are allowed count; one must be.
+        They are numbers in the order of the robot's joints, mappings by joint name, or names of group states of the
+        SRDF. An InputError for a wrong shape, NaN, an unknown name, a missing joint, or a value outside the limits; a
+        CollisionError in collision, or against a constraint. Of several goals only those that are allowed count; one
+        must be.
 
         A start that is slightly outside the limits begins at these, with a warning (`Robot.clipped_start`). Paths begin
         in the turn of continuous joints that the start has; goals are the same whatever their turn.
@@ -392,7 +393,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
                 raise PlanningError(f"{self.getPlanner().getName()} returned a path that {wrong}")
             if self.query.forget_nan():
                 name = self.getPlanner().getName()
-                _log.warning("%s: the path is forgotten, as the objective is NaN on it", name)
+                _log.warning("%s: the path is dropped, because the objective is NaN on it", name)
                 return ob.PlannerStatus(ob.PlannerStatus.TIMEOUT)
             return status
         except BaseException:
@@ -592,7 +593,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
     def setSimplification(self, **options: Any) -> None:
         """Set options of the danger-aware simplification: names and errors as `Simplifier`, errors as `simplifier`."""
         if self.field is None:
-            raise InputError("danger-aware simplification needs a danger field; this setup plans without danger")
+            raise InputError("danger-aware simplification needs a danger field, and this setup has none")
         self._simplifier = simplification.Simplifier(self.checker, self.field, self.motion_prover, **options)
         self._simplification = options
 
@@ -609,10 +610,10 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         self.set_solution(self._any_simplifier.simplify(path, stopping(time), proven=True))
         if self.getConstraints().user is not None and not self.is_free(self.solution()):
             # Samples of a motion are not those of its parts: a check of the user's own may refuse these after all.
-            _log.info("the simplified path is refused; the solution stays as it was")
+            _log.info("the simplified path is refused; the solution is unchanged")
             self.set_solution(path)
         if self.query.forget_nan():
-            _log.info("the objective is NaN on the simplified path; the solution stays as it was")
+            _log.info("the objective is NaN on the simplified path; the solution is unchanged")
             self.set_solution(path)
         self._simplification_time = perf_counter() - begin
 

@@ -148,13 +148,13 @@ class StartAndGoals:
             raise InputError("no goal is set: call setConfigurations, setWorkspaceGoal, setGoalRegion or setGoal")
         if isinstance(goal, ob.GoalLazySamples):
             raise InputError(
-                "OMPL's GoalLazySamples waits for itself for ever where its sampler is Python's; take a WorkspaceGoal, "
+                "OMPL's GoalLazySamples deadlocks if its sampler is written in Python; use a WorkspaceGoal, "
                 "or a subclass of ob.GoalSampleableRegion"
             )
         if not self._definition.getStartStateCount():
             raise InputError("no start is set: call setConfigurations, setStartConfiguration or addStartState")
         if isinstance(planner, og.SORRTstar) and self._definition.isTrivial():
-            raise InputError("OMPL's SORRTstar never ends where the start is the goal; take InformedRRTstar")
+            raise InputError("OMPL's SORRTstar never ends if the start is the goal; use InformedRRTstar")
 
     def check_ends(self, path: FloatArray, name: str) -> None:
         """Raise a PlanningError if the path (N, n) of a planner is not from a start to the goal."""
@@ -323,9 +323,9 @@ class StartAndGoals:
 
 def several(goals: Any) -> list[Any]:
     """Return the configurations that were given: one, in any form, or several."""
-    if isinstance(goals, Mapping):
+    if isinstance(goals, (Mapping, str)):
         return [goals]
-    if isinstance(goals, Sequence) and any(isinstance(goal, Mapping) for goal in goals):
+    if isinstance(goals, Sequence) and any(isinstance(goal, (Mapping, str)) for goal in goals):
         return list(goals)
     if isinstance(goals, np.ndarray) and goals.dtype != object:
         return list(np.atleast_2d(goals))

@@ -45,7 +45,7 @@ def check_collides(geometry: pin.GeometryModel, collision: str | None, source: s
     if not any(part.parentJoint for part in geometry.geometryObjects):
         remedy = ": its visual shapes are taken with collision='visual' (--collision visual)"
         more = {"required": remedy, "visual": ": it has no visual ones either"}.get(collision or "", "")
-        raise InputError(f"no moving link has a collision shape, so that nothing could ever touch{more}", source)
+        raise InputError(f"no moving link has a collision shape, so collisions cannot be checked{more}", source)
 
 
 def links_of(model: pin.Model, geometry: pin.GeometryModel | None) -> frozenset[str]:

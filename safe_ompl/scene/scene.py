@@ -142,7 +142,7 @@ class Scene(document.Section):
         obstacles: dict[str, Obstacle] = {}
         for kind, value in problem.items():
             if kind not in _MBM_KINDS and isinstance(value, list) and any(isinstance(item, dict) for item in value):
-                raise InputError(f"obstacles of this kind are not read; known: {', '.join(_MBM_KINDS)}", kind)
+                raise InputError(f"obstacles of this kind are not supported; known: {', '.join(_MBM_KINDS)}", kind)
         for kind in _MBM_KINDS:
             for k, item in enumerate(document.sequence(kind, problem.get(kind, ()))):
                 data = document.mapping(f"{kind}[{k}]", item)

@@ -92,7 +92,7 @@ BROKEN[9, 1] = np.nan
         (lambda: OURS.keypoints(np.zeros((25, 3))), r"key points of coco17: must have shape \(17, 3\)"),
         (lambda: TrackedBody(only=("tail",)), "unknown limb 'tail'"),
         (lambda: TrackedBody(17.5), "height"),
-        (lambda: TrackedBody().completed(np.full((18, 3), np.nan)), "nothing is known of the trunk"),
+        (lambda: TrackedBody().completed(np.full((18, 3), np.nan)), "the trunk is not known"),
     ],
 )
 def test_what_is_no_skeleton_is_refused(made, message):

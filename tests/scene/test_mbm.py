@@ -106,7 +106,7 @@ def test_a_missing_file_is_refused(tmp_path):
             "box[0].half_extents: must be a positive number, got 0",
         ),
         ({"box": [{"name": "a"}]}, "box[0].position: missing"),
-        ({"octree": [{"name": "a"}]}, "octree: obstacles of this kind are not read; known: box, cylinder, sphere"),
+        ({"octree": [{"name": "a"}]}, "octree: obstacles of this kind are not supported; known: box, cylinder, sphere"),
     ],
 )
 def test_malformed_problems_name_file_and_key(tmp_path, change, message):

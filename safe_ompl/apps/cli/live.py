@@ -275,7 +275,7 @@ def choose_actors(scenario: Scenario, robot: Robot, people: People, options: arg
     if options.people is None:
         arguments.refuse(options, ("clip", "place"), "there is nobody: give --people")
         if not options.movers:
-            raise InputError("nobody and nothing moves: give a file of recordings or random", "--people")
+            raise InputError("no person and no object moves: give a file of recordings or random", "--people")
     elif options.people.partition(":")[0] == RANDOM:
         arguments.refuse(options, ("clip",), f"is for recordings, not for {options.people!r}")
         found.people.update(_walkers(scenario, base, people, options))
@@ -403,11 +403,9 @@ def limits_of_still(scenario: Scenario, still: Scene, *, beside_people: bool) ->
         moving=None,
     )
     if scenario.limits.max_danger and beside_people:
-        _log.warning(
-            "limits.max_danger counts obstacles that stand still only; the robot keeps a distance from people who move"
-        )
+        _log.warning("limits.max_danger is about still obstacles only; the robot keeps a distance from people who move")
     if scenario.people is not None and scenario.people.contact:
         _log.warning("contact is allowed: %s", scenario.people.contact_sentence)
     if scenario.motion.max_danger is not None:
-        _log.warning("motion.max_danger is not kept in `live`; the robot keeps distances from all that moves instead")
+        _log.warning("motion.max_danger is not applied in `live`; it keeps a distance from all that moves")
     return replace(scenario, scene=still, people=None, limits=limits)

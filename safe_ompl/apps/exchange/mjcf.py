@@ -91,9 +91,9 @@ class _World:
         for k, (body, kind) in enumerate(zip(model.jnt_bodyid, model.jnt_type, strict=True)):
             if kind == _BALL or (self.free[body] and kind != _FREE):
                 what = "a ball joint" if kind == _BALL else "below a free joint"
-                raise InputError(f"is {what}, which is not read", f"joint {self.name('joint', k)!r}")
+                raise InputError(f"is {what}, which is not supported", f"joint {self.name('joint', k)!r}")
         if model.nflex:
-            raise InputError("flexible bodies are not read", "flex")
+            raise InputError("flexible bodies are not supported", "flex")
         self.pairs = {
             frozenset(pair) for pair in zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)
         }

@@ -112,7 +112,7 @@ class _Moveit:
         self.data, self.folder = data, folder
         document.check_keys(data, _SCENE)
         if data.get("is_diff"):
-            raise InputError("must be false: a difference does not say what else there is", "is_diff")
+            raise InputError("must be false: a difference does not contain the whole scene", "is_diff")
         for key, what, neutral in (("link_padding", "padding", 0.0), ("link_scale", "scale", 1.0)):
             for k, item in enumerate(document.sequence(key, data.get(key, ()))):
                 if item[what] != neutral:
@@ -196,7 +196,7 @@ class _Moveit:
         if item.get("operation", 0) not in (0, b"\0", "\0"):
             raise InputError(f"must be ADD (0), got {item['operation']!r}", "operation")
         if item.get("planes"):
-            raise InputError("planes are not read: a box is one that ends", "planes")
+            raise InputError("planes are not supported: use a box", "planes")
         origin = frame * _pose(item.get("pose", {}))
         found: Placed = []
         for key in ("primitives", "meshes"):

@@ -374,9 +374,9 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._problem.take(objective)
         cost = self._problem.cost
         if cost.is_zero:
-            _log.info("%s: danger is 0, as the problem has no danger objective", self.getName())
+            _log.info("%s: danger is 0, because the problem has no danger objective", self.getName())
         elif cost.field is not None and not len(cost.field.points):
-            _log.info("%s: danger is 0, as no obstacle has a danger weight", self.getName())
+            _log.info("%s: danger is 0, because no obstacle has a danger weight", self.getName())
         self._begin_anew()
         self._read = objective
 

@@ -44,11 +44,11 @@ _PYTHON = {**_OURS, **_AS_PRINTED}
 _OMPL = ("RRTConnect", "RRT", "RRTstar", "InformedRRTstar", "SORRTstar", "BITstar", "KPIECE1", "BKPIECE1", "LBKPIECE1")
 
 _REFUSED = {
-    "PRM": "it waits for itself for ever where objective or termination condition are Python's; take SafePRM",
-    "PRMstar": "it waits for itself for ever where objective or termination condition are Python's; take SafePRM",
-    "FMT": "it prices all motions of its graph before it looks at the clock: 9 s for a limit of 4 s; take BITstar",
-    "BFMT": "it does not look at the clock where costs are Python's: 45 s for a limit of 4 s; take BITstar",
-    "AORRTC": "it ignores the objective and ends the process when it is cleared; take BITstar",
+    "PRM": "it deadlocks if the objective or the termination condition is written in Python; use SafePRM",
+    "PRMstar": "it deadlocks if the objective or the termination condition is written in Python; use SafePRM",
+    "FMT": "it computes all costs of its graph before it checks the time: 9 s for a limit of 4 s; use BITstar",
+    "BFMT": "it does not check the time if costs are computed in Python: 45 s for a limit of 4 s; use BITstar",
+    "AORRTC": "it ignores the objective and ends the process when it is cleared; use BITstar",
 }
 
 

@@ -108,5 +108,5 @@ def test_danger_in_motion_is_told_and_kept(beside_her, tmp_path, capsys):
     assert "danger in motion: mean" in capsys.readouterr().out
     with pytest.raises(InputError, match="danger: give a danger"):
         replace(result, danger=None).timed(max_danger=limit)
-    with pytest.raises(InputError, match="knows no danger"):
+    with pytest.raises(InputError, match="has no danger field"):
         replace(result, danger=None).danger_field()

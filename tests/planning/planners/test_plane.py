@@ -305,7 +305,7 @@ def test_a_point_keeps_clear_of_a_disc_only_if_told_that_it_is_dangerous(problem
 
     with caplog.at_level(logging.INFO):
         unaware = mean_clearance(None)
-    assert "danger is 0, as the problem has no danger objective" in caplog.text
+    assert "danger is 0, because the problem has no danger objective" in caplog.text
     aware = mean_clearance(lambda si: StateCosts(si, lambda state: 1 / max(clearance(*state[0:2]), 1e-3)))
     assert aware > unaware + 0.02
 
