@@ -23,7 +23,7 @@ from safe_ompl.common import BoolArray, FloatArray
 from safe_ompl.geometry import DISTANCE_ERROR
 
 _TINY = 1e-200
-INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`docs/how-it-works.md` §2)
+INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`planning/planners/printed.py`)
 _HALF_TURN = 3.1  # [rad] as far as a joint that wraps goes: at π both ways back are the same
 
 

@@ -1,9 +1,23 @@
 """Time laws: where on its curve a trajectory is at what time, with or without a limit of the jerk.
 
-Without it ṡ² is linear in every cell of the curve. With it such a law, the *plan* σ, is averaged over a window w; where
-the robot must stand the plan waits for w. `docs/how-it-works.md` §9 says what the plan keeps to in all cells within
-reach, by c_k, A_k and B_k, so that the average keeps the limits. Without people A = B; beside them B is larger, for
-stops.
+Without a limit of the jerk, ṡ² is linear in every cell of the curve. With one, such a law, the *plan* σ, is averaged
+over a window w: s(t) = 1/w ∫ σ from t − w to t (Biagiotti & Melchiorri 2012). Where the robot must stand the plan waits
+for w. Then ṡ and s̈ are averages, too, and s⃛ = (σ̈(t) − σ̈(t − w))/w. If m is the largest σ̇ in a window, all its places
+are within mw/2 of s(t): |σ(t) − s(t)| = 1/w |∫ σ(t) − σ(τ) dτ| ≤ mw/2. With the distance d_jk between two cells, a plan
+with
+
+    σ̇ ≤ min_k max(c_k, 2 d_jk/w)    in each cell j
+
+has ṡ ≤ c_k in each cell k: σ̇ = m is reached in a cell with d_jk < mw/2, where a plan with m > c_k is not allowed to be.
+So the whole window is within c_kw/2 of the cell. If in all cells that are so near
+
+* |pσ̈ + cσ̇²| ≤ a for p and c in the boxes of q′ and q″ of cell k, with 0 added to that of q″, then |q̈| ≤ a: the mean of
+  pσ̈ + c′σ̇² over the window is q̈ for one c′ between 0 and q″, because ṡ² is no more than the mean of σ̇²;
+* −B_k ≤ σ̈ ≤ A_k with |q‴|c³ + 3|q″|c·max(A, B) + |q′|(A + B)/w ≤ j, then |q⃛| ≤ j.
+
+c, A and B are chosen for each w, and w so that the motion takes the least time. Without people A = B; beside people B
+is larger, for stops. The average of a stop of the plan, with its past, is a stop of the robot that keeps all limits
+from any s̈ on, and ends w later: s(t) ≥ σ(t − w).
 """
 
 from __future__ import annotations

@@ -1,4 +1,24 @@
-"""The planners exactly as the papers print them, beside which ours are measured; with α = 0 the classical ones."""
+"""The planners exactly as the papers print them, beside which ours are measured; with α = 0 the classical ones.
+
+Some lines of the paper cannot be meant as printed. They are read so:
+
+* below (3): a = α₁² + β₁² + γ₁²; read: a = α₂² + β₂² + γ₂² = ℓ².
+* (3): α₂, β₂, γ₂ undefined; read: minus the components of b − a; otherwise it is the field of the mirrored link.
+* EXTEND_TOWARDS_GOAL: JᵀΔx + (I − JᵀJ)Δq₀; read: J†Δx + (I − J†J)Δq₀, as the text says.
+* SAFE_RRT-CONNECT: argument x_g; read: q_g.
+* (10): C = Closed(dir); read: Closed(1): after the swap the active tree is always the first.
+* bubble planner, PRM: roots in Closed and in Open; read: in one of the two; otherwise they are closed twice.
+* EXTEND_TOWARDS_GOAL: ``while 1``; read: ends without progress; steps are bounded and stay within the joint
+  limits.
+* SAFE_JT-RRT: "if q_old has been chosen before"; read: a node from which a step was tried counts as chosen.
+* SAFE_JT-RRT: Σ over "all relevant obstacles"; read: over all danger points, with weights, and the distal ends of
+  the links.
+* CONNECT: q_new where EXTEND was trapped; read: no such node exists, so there is no CONNECT in this iteration.
+* g: its norm is that of h, the 1-norm; otherwise h overestimates.
+* PRM: milestones offered twice; read: the better offer counts.
+* d_c: the closest obstacle; read: the robot's own pairs as well; otherwise a bubble is not free.
+* (9): bubble vertices; read: contact is possible there, so 0.99 of the way is used, within the joint limits.
+"""
 
 from __future__ import annotations
 
