@@ -15,7 +15,7 @@ from ompl import base as ob, geometric as og
 from safe_ompl.common import CollisionError, FloatArray, InputError, PlanningError
 from safe_ompl.planning.ompl import DangerObjective, FiniteCosts, WorkspaceGoal, states_of
 from safe_ompl.planning.planners import SafePlanner, accepts
-from safe_ompl.robot import Robot, ScratchState
+from safe_ompl.robot import OwnState, Robot, ScratchState
 
 _log = logging.getLogger(__name__)
 
@@ -31,7 +31,7 @@ class Asked(NamedTuple):
     `starts` are copies of states, `states` the configurations that the goal consists of, as bytes.
     """
 
-    starts: list[Any]
+    starts: list[OwnState]
     given: int
     goal: Any
     states: set[bytes]
@@ -66,7 +66,7 @@ class StartAndGoals:
         """The start configuration (n,), the first valid one where several were given in OMPL's words."""
         self.forget_stale()
         if self._start is None and (starts := self._now().starts):
-            return np.asarray(self._setup.bridge.read(starts[0]))
+            return np.asarray(self._setup.bridge.read(starts[0].state))
         return self._start
 
     def set_configurations(self, start: Any, goals: Any) -> None:
@@ -164,12 +164,12 @@ class StartAndGoals:
 
     def _objection_to_start(self, q: FloatArray) -> str | None:
         bridge = self._setup.bridge
-        starts = [bridge.read(state) for state in (self._asked or self._now()).starts]
+        starts = [bridge.read(start.state) for start in (self._asked or self._now()).starts]
         distance = min((float(np.linalg.norm(bridge.difference(start, q))) for start in starts), default=np.inf)
         return None if distance <= END_TOLERANCE else f"begins {distance:.3g} rad away from every start"
 
     def _objection_to_end(self, q: FloatArray) -> str | None:
-        goal, state = self._definition.getGoal(), ScratchState(self._setup.bridge).set(q)
+        goal, state = self._definition.getGoal(), self._scratch.set(q)
         if isinstance(goal, ob.GoalRegion):
             short, unit = float(goal.distanceGoal(state)), "m" if hasattr(goal, "place") else "rad"
             if not short <= max(END_TOLERANCE, goal.getThreshold()):
@@ -200,7 +200,7 @@ class StartAndGoals:
         same_space = asked.coordinates == self._setup.bridge.coordinates()
         same_objective = asked.objective is definition.getOptimizationObjective()
         same_starts = asked.given == definition.getStartStateCount() and all(
-            definition.hasStartState(start, 0) for start in asked.starts
+            definition.hasStartState(start.state, 0) for start in asked.starts
         )
         same_goal = asked.goal is goal and asked.states == self._states_in(goal)
         if same_space and same_objective and same_starts and same_goal:
@@ -266,12 +266,12 @@ class StartAndGoals:
 
     def _now(self) -> Asked:
         definition, si = self._definition, self._setup.getSpaceInformation()
-        inputs, starts = ob.PlannerInputStates(), list[Any]()
+        inputs, starts = ob.PlannerInputStates(), list[OwnState]()
         # Without this call the bindings would free the states of the definition.
         inputs.use(definition)
         while inputs.haveMoreStartStates() and (state := inputs.nextStart()) is not None:
-            starts.append(si.getStateSpace().allocState())
-            si.copyState(starts[-1], state)
+            starts.append(OwnState(self._setup.bridge))
+            si.copyState(starts[-1].state, state)
         goal, objective = definition.getGoal(), definition.getOptimizationObjective()
         coordinates = self._setup.bridge.coordinates()
         return Asked(starts, definition.getStartStateCount(), goal, self._states_in(goal), objective, coordinates)

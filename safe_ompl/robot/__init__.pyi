@@ -38,7 +38,12 @@ from .spec import (
     robots_folder as robots_folder,
 )
 from .srdf import SrdfFile as SrdfFile, disabled_links as disabled_links, srdf_text as srdf_text
-from .states import ScratchState as ScratchState, StateBridge as StateBridge, joint_space as joint_space
+from .states import (
+    OwnState as OwnState,
+    ScratchState as ScratchState,
+    StateBridge as StateBridge,
+    joint_space as joint_space,
+)
 from .urdf import (
     NamedPackage as NamedPackage,
     PackageDir as PackageDir,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import sys
 import threading
+from collections import defaultdict
 from collections.abc import Iterator
 from functools import partial
 from itertools import chain, groupby
@@ -50,7 +52,13 @@ _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 # By which the norm of a unit quaternion may be off by rounding. OMPL allows 1e-9.
 _UNIT = 1e-14
 
-_WORKING = set[tuple[Any, ...]]()  # kinds of spaces whose buffer is known to work
+# Kinds of spaces whose buffer is known to work.
+_WORKING = set[tuple[Any, ...]]()
+# States that nobody uses, by the structure of their space. OMPL's bindings never free the coordinates of a state, so
+# that memory would grow with each new one.
+_UNUSED = defaultdict[tuple[Any, ...], list[Any]](list)
+# Without this the bindings would call the states leaked.
+atexit.register(_UNUSED.clear)
 
 
 class StateBridge:
@@ -149,7 +157,8 @@ class StateBridge:
         Coordinates that wrap count turns: no step is longer than half a turn. Raises InputError if its states are of
         another kind than those of the space, which could not be read.
         """
-        own, kinds = type(self.space.allocState()), {type(path.getState(i)) for i in range(path.getStateCount())}
+        one, kinds = OwnState(self), {type(path.getState(i)) for i in range(path.getStateCount())}
+        own = type(one.state)
         if kinds - {own}:
             names = " and ".join(sorted(kind.__name__ for kind in kinds))
             raise InputError(
@@ -235,12 +244,32 @@ def _coordinates(space: Any, state: Any) -> Iterator[float]:
         yield from state[0 : space.getDimension()]
 
 
-class ScratchState(threading.local):
-    """One state of a space for each thread, freed with this object."""
+class OwnState:
+    """A state of a space. Once nobody holds the state it is used again."""
 
     def __init__(self, bridge: StateBridge) -> None:
-        self._bridge = bridge
-        self.state = bridge.space.allocState()
+        unused = self._unused = _UNUSED[_structure(bridge.space)]
+        try:
+            self.state = unused.pop()
+        except IndexError:
+            self.state = bridge.space.allocState()
+
+    def __del__(self) -> None:
+        # One reference is the argument's.
+        if sys.getrefcount(self.state) == 2:
+            self._unused.append(self.state)
+
+
+class ScratchState(threading.local):
+    """One state of a space for each thread."""
+
+    def __init__(self, bridge: StateBridge) -> None:
+        self._bridge, self._own = bridge, OwnState(bridge)
+
+    @property
+    def state(self) -> Any:
+        """The state of this thread."""
+        return self._own.state
 
     def set(self, q: FloatArray) -> Any:
         """Write `q: (n,)` and return the state; it holds until the next call of this thread."""
@@ -265,6 +294,13 @@ def _named(space: Any) -> str:
         return f"{space.getName()!r} ({type(space).__name__})"
     except TypeError:
         return type(space).__name__
+
+
+def _structure(space: Any) -> tuple[Any, ...]:
+    """Return what tells spaces apart whose states differ in memory."""
+    if isinstance(space, ob.CompoundStateSpace):
+        return type(space), *(_structure(space.getSubspace(i)) for i in range(space.getSubspaceCount()))
+    return type(space), space.getDimension()
 
 
 def _coordinates_of(space: Any) -> tuple[list[str], list[float], list[float]]:

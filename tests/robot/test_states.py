@@ -6,7 +6,7 @@ from hypothesis import given, strategies as st
 from ompl import base as ob
 
 from safe_ompl import InputError, PlanningError
-from safe_ompl.robot import Coordinates, ScratchState, StateBridge, joint_space, states
+from safe_ompl.robot import Coordinates, OwnState, ScratchState, StateBridge, joint_space, states
 
 angles = st.floats(-100.0, 100.0)
 
@@ -184,3 +184,18 @@ def test_bindings_that_know_no_such_buffer_are_refused(kinova, monkeypatch, else
     monkeypatch.setattr(states, "_WORKING", set())
     with pytest.raises(PlanningError, match="version of OMPL's bindings"):
         StateBridge(space)
+
+
+def test_states_are_used_again_once_nobody_holds_them(kinova):
+    bridge, q = StateBridge(joint_space(kinova)), np.linspace(-1.0, 1.0, kinova.n)
+    first = ScratchState(bridge)
+    held = first.set(q)
+    del first
+    other = ScratchState(bridge)
+    assert other.set(2 * q) is not held, "it is held here"
+    np.testing.assert_array_equal(bridge.read(held), q)
+    unused = id(other.state)
+    del other
+    assert id(ScratchState(bridge).state) == unused
+    lines = [OwnState(StateBridge(space)).state for space in (ob.RealVectorStateSpace(2), ob.RealVectorStateSpace(3))]
+    assert lines[0] is not lines[1]
