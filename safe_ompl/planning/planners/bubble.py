@@ -12,8 +12,7 @@ from safe_ompl.collision import INSIDE, Bubble, bubbles
 from safe_ompl.common import FloatArray, InputError, IntArray, halton_point
 from safe_ompl.planning.ompl import CollisionFreeValidity
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
-from safe_ompl.planning.planners.elastic_band import ElasticBand, TangentialDescent
-from safe_ompl.planning.planners.growth import ROOT, branch
+from safe_ompl.planning.planners.growth import ROOT, Growth, branch
 from safe_ompl.planning.planners.problem import WORTHWHILE, DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import TwoTrees
 from safe_ompl.robot import StateBridge
@@ -21,6 +20,7 @@ from safe_ompl.robot import StateBridge
 _LEAST_CLEARANCE = 1e-3  # [m]; points as near to contact as this are not closed: their bubbles lead nowhere
 _PATH_SHARE = 0.1  # weight of g: greedy, as in weighted A*
 _PENALTY = 0.5  # [m] added to the cost-to-go of a point whose clearance is below the margin
+_ROUNDS = 4  # in which the path is contracted; its detours around danger are long
 _LEAST_GAIN = 2e-3  # [m] a turn ends where the tree comes less near to its goal in a step than this, …
 _GAIN_SHARE = 0.2  # … or than this share of its best step
 
@@ -66,8 +66,8 @@ class BubblePlanner(SafePlanner):
       of parameters serves all robots and scenes;
     * a bubble also has an end point where the way to the current goal leaves it, and a tree goes on while it comes
       nearer to that goal, then towards a next place of Halton's sequence: far fewer bubbles;
-    * the path is contracted like an elastic band [3] where that is as safe, and descends sideways (`slide`): shorter
-      and less dangerous;
+    * the path is contracted like an elastic band [3] where neither the peak of the danger nor its integral rises, and
+      descends sideways (`slide`): shorter and less dangerous;
     * a share of the turns ignores danger (`nearest_fraction`), and danger loses weight (`danger_decay`): no passage
       stays closed;
     * points near obstacles are penalised (`clearance`): obstacles that are not dangerous are not grazed, either, and no
@@ -101,15 +101,14 @@ class BubblePlanner(SafePlanner):
 
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
-        self._descent = TangentialDescent(self._bridge, self._danger)
         self._margin = Margin(self._problem, self._danger, WORTHWHILE)
         self._decay = DangerDecay(self._danger, self._margin)
-        self._band = ElasticBand(self._problem, self._danger, self._descent)
+        self._growth = Growth(self._problem, self._danger, self._margin)
 
     def _apply_parameters(self) -> None:
         self._danger.alpha = self.alpha
         self._decay.half_life = self.danger_decay
-        self._descent.share = self.slide
+        self._growth.slide = self.slide
         self._margin.largest = self.clearance
 
     # ------------------------------------------------------------------------------- the paper's pseudocode
@@ -126,7 +125,8 @@ class BubblePlanner(SafePlanner):
                 path = self._expand(tree, other, current_goal, ptc)
                 if path is not None:
                     self._decay.reset()
-                    return self._band.settled(path, self.getRange(), ptc, self._margin.allowed)
+                    rounds = _ROUNDS if self.alpha else 1
+                    return self._growth.settled(path, self.getRange(), ptc, self._margin.allowed, rounds)
             tree, other = other, tree  # SWAP
             self._turns += 1
         return None

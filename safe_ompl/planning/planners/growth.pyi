@@ -6,7 +6,6 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.planning.ompl import StateCost
-from safe_ompl.planning.planners.elastic_band import TangentialDescent
 from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import Trees
 from safe_ompl.robot import StateBridge
@@ -26,14 +25,10 @@ def branch(parents: IntArray | Mapping[int, int], node: int) -> list[int]: ...
 
 @final
 class Growth:
+    slide: float
     rise: float
     def __init__(
-        self,
-        problem: PlanningProblem,
-        danger: DangerWeight,
-        descent: TangentialDescent,
-        margin: Margin,
-        decay: DangerDecay | None = None,
+        self, problem: PlanningProblem, danger: DangerWeight, margin: Margin, decay: DangerDecay | None = None
     ) -> None: ...
     def reset(self) -> None: ...
     def connect(
@@ -47,6 +42,9 @@ class Growth:
         enough_nodes: Callable[[], int],
         take_goals: Callable[[], None],
     ) -> FloatArray | None: ...
+    def settled(
+        self, rows: FloatArray, reach: float, stop: Callable[[], bool], clearance: float, rounds: int
+    ) -> FloatArray: ...
     def extend(self, trees: Trees, tree: Tree, old: int, target: FloatArray, reach: float) -> tuple[Extension, int]: ...
 
 class Tree:

@@ -64,6 +64,8 @@ cdef enum:
     LARGE = 64
     # Turns of a tree that lags before the other has one.
     IN_A_ROW = 8
+    # Places of a motion at which its danger is looked at.
+    SAMPLES = 8
 
 # To this share of itself a margin falls.
 cdef double FALL = 0.6
@@ -188,8 +190,6 @@ cdef class Growth:
         Says which motions are free, and what configurations cost.
     danger : DangerWeight
         What danger weighs.
-    descent : TangentialDescent
-        How far new nodes move sideways, down the gradient of the danger.
     margin : Margin
         What motions keep from obstacles.
     decay : DangerDecay, optional
@@ -197,14 +197,17 @@ cdef class Growth:
 
     Attributes
     ----------
+    slide : float
+        How far new nodes move sideways at most, down the gradient of the danger, as a share of the reach; 0: not at all.
     rise : float
         The share by which the threshold on danger rises after every eight refusals; 0: there is none.
     """
 
-    cdef object problem, danger, descent, margin, decay
-    cdef public double rise
+    cdef object problem, danger, margin, decay
+    cdef public double slide, rise
     cdef Coordinates space
     # What is grown, and what is asked while it is.
+    cdef bint busy
     cdef object trees, rng, stop, enough_nodes, take_goals
     cdef Tree start
     cdef Tree goal
@@ -238,8 +241,8 @@ cdef class Growth:
     # The danger of the node that a step leads to; NaN where it is not known. Its gradient is known with it.
     cdef double cost
 
-    def __init__(self, problem, danger, descent, margin, decay=None):
-        self.problem, self.danger, self.descent, self.margin, self.decay = problem, danger, descent, margin, decay
+    def __init__(self, problem, danger, margin, decay=None):
+        self.problem, self.danger, self.margin, self.decay = problem, danger, margin, decay
         self.space = problem.coordinates
         self.q_rand, self.straight, self.moved, self.downhill, self.gradient = np.zeros((5, self.space.n))
         self.required_by = self.field = None
@@ -305,6 +308,139 @@ cdef class Growth:
         finally:
             self._end()
         return Extension(outcome), old if outcome == TRAPPED else tree.data.count - 1
+
+    def settled(self, rows, double reach, stop, double clearance, Py_ssize_t rounds):
+        """Return a path as an elastic band (Quinlan 1994): contracted where that is as safe, and bent away from danger.
+
+        It is contracted between its way points, and in further rounds between these and the middles of its motions,
+        too. Then the middle of motions longer than twice `reach` moves down the gradient of the danger, at right angles
+        to them, where both halves are free; so do the middles of the halves. Every new motion is proven.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (N, n)
+            The path; its motions are free.
+        reach : float
+            In which the motion sideways is measured [rad].
+        stop : callable
+            Says that time is up; then what is left of the path stays as it is.
+        clearance : float
+            What new motions keep from obstacles [m].
+        rounds : int
+            How often it is contracted.
+        """
+        cdef Py_ssize_t k
+        path = np.ascontiguousarray(rows, dtype=np.float64)
+        self._begin(None, reach)
+        try:
+            path = self._contracted(path, stop, clearance)
+            for k in range(1, rounds):
+                shorter = self._contracted(self._halved(path), stop, clearance)
+                # Where few middles can be left out again the band is as tight as it may be.
+                if 2 * len(shorter) > 3 * len(path):
+                    break
+                path = shorter
+            band = [path[0]]
+            for k in range(1, len(path)):
+                if not stop():
+                    self._bend(band, path[k], clearance)
+                band.append(path[k])
+        finally:
+            self._end()
+        return np.array(band)
+
+    cdef _contracted(self, path, stop, double clearance):
+        """Return those way points of a path (N, n) that are left where straight motions are as safe, and free."""
+        cdef Py_ssize_t at = 0
+        kept = [0]
+        while at < len(path) - 1:
+            at = at + 1 if stop() else self._farthest(path, at, clearance)
+            kept.append(at)
+        return path[kept]
+
+    cdef _halved(self, const double[:, ::1] path):
+        """Return a path (N, n) with the middles of its motions."""
+        cdef double length
+        cdef Py_ssize_t k
+        middles = np.empty((path.shape[0] - 1, self.space.n))
+        cdef double[:, ::1] middle = middles
+        for k in range(path.shape[0] - 1):
+            length = motion_between(self.space, &path[k, 0], &path[k + 1, 0], &self.moved[0])
+            steer(self.space, &path[k, 0], &path[k + 1, 0], 0.5 * length, &middle[k, 0], &self.moved[0])
+        return np.insert(np.asarray(path), np.arange(1, path.shape[0]), middles, axis=0)
+
+    cdef Py_ssize_t _farthest(self, const double[:, ::1] path, Py_ssize_t at, double clearance) except -1:
+        """Return the way point to which a straight motion from way point `at`, as safe and free, leads the farthest."""
+        cdef Py_ssize_t end = path.shape[0] - 1
+        while end > at + 1:
+            if self._is_proven(&path[at, 0], &path[end, 0], clearance) and self._is_as_safe(path[at : end + 1]):
+                return end
+            end = (at + end) // 2
+        return at + 1
+
+    cdef bint _is_as_safe(self, const double[:, ::1] path) except -1:
+        """Return whether the straight motion between the ends of a path (N, n) has neither more danger, nor a higher peak.
+
+        The danger of motions is its integral along them.
+        """
+        cdef Py_ssize_t last = path.shape[0] - 1, k, row
+        cdef double total = 0.0, before = 0.0, step, along, peak = -INFINITY, most = -INFINITY, change = 0.0
+        cdef double *direction = &self.downhill[0]
+        if not self.alpha * self.scale > 0.0:
+            return True
+        lengths, places = np.empty(last), np.empty((2 * SAMPLES, self.space.n))
+        cdef double[::1] length = lengths
+        cdef double[:, ::1] place = places
+        for k in range(last):
+            length[k] = motion_between(self.space, &path[k, 0], &path[k + 1, 0], direction)
+            total += length[k]
+        step, k = motion_between(self.space, &path[0, 0], &path[last, 0], direction), 0
+        for row in range(SAMPLES):
+            along = (row + 0.5) / SAMPLES
+            while k < last - 1 and along * total - before > length[k]:
+                before += length[k]
+                k += 1
+            steer(self.space, &path[k, 0], &path[k + 1, 0], along * total - before, &place[row, 0], direction)
+            steer(self.space, &path[0, 0], &path[last, 0], along * step, &place[SAMPLES + row, 0], direction)
+        cdef const double[::1] danger = self._dangers(places)
+        for row in range(SAMPLES):
+            most, peak = max(most, danger[row]), max(peak, danger[SAMPLES + row])
+            change += step * danger[SAMPLES + row] - total * danger[row]
+        return peak <= most and change <= 0.0
+
+    cdef _dangers(self, double[:, ::1] places):
+        """Return the danger (B,) at `places: (B, n)`."""
+        if not self.prices:
+            return self.problem.cost.values(np.asarray(places))
+        found = np.empty(places.shape[0])
+        cdef double[::1] out = found
+        self.evaluations += places.shape[0]
+        self.own_danger.write(&places[0, 0], places.shape[0], NULL, &out[0])
+        return found
+
+    cdef int _bend(self, list band, end, double clearance) except -1:
+        """Append way points between the last one of a band and an end (n,): the middle, moved, and those of halves."""
+        cdef const double[::1] start = band[len(band) - 1], target = end
+        cdef double length = motion_between(self.space, &start[0], &target[0], &self.moved[0])
+        cdef Py_ssize_t i
+        if not (self.alpha * self.scale > 0.0 and self.share > 0.0 and length > 2.0 * self.reach):
+            return 0
+        steer(self.space, &start[0], &target[0], 0.5 * length, &self.straight[0], &self.moved[0])
+        if self.prices:
+            self._danger(&self.straight[0], &self.gradient[0])
+        else:
+            self._ask_for_cost(&self.straight[0])
+        for i in range(self.space.n):
+            self.downhill[i] = self.gradient[i] / self.slope
+        if not descend(self.space, &self.straight[0], &self.moved[0], &self.downhill[0], self.share * self.reach):
+            return 0
+        middle = np.array(self.moved)
+        cdef const double[::1] moved = middle
+        if self._is_proven(&start[0], &moved[0], clearance) and self._is_proven(&moved[0], &target[0], clearance):
+            self._bend(band, middle, clearance)
+            band.append(middle)
+            self._bend(band, end, clearance)
+        return 0
 
     cdef bint _safe_rrt_connect(self, Py_ssize_t iterations) except -1 nogil:
         """SAFE_RRT-CONNECT: return whether the trees have met, where the last node of each is."""
@@ -665,39 +801,44 @@ cdef class Growth:
 
     cdef int _begin(self, trees, double reach) except -1:
         """Take what the parts know; only one can grow trees at a time."""
-        if self.trees is not None:
+        if self.busy:
             raise PlanningError("a planner that is planning was asked to plan: make one for each thread")
-        self.trees = trees
+        self.busy, self.trees = True, trees
         try:
             return self._take_parts(trees, reach)
         except BaseException:
-            self.trees = None
+            self.busy, self.trees = False, None
             raise
 
     cdef int _take_parts(self, trees, double reach) except -1:
         danger, margin, decay = self.danger, self.margin, self.decay
-        self.start, self.goal, self.reach = trees.start, trees.goal, reach
-        if self.start.data.n != self.space.n or self.goal.data.n != self.space.n:
-            raise InputError(f"trees must be of {self.space.n} joints")
+        self.reach = reach
+        if trees is not None:
+            self.start, self.goal, self.nodes = trees.start, trees.goal, trees.counts.nodes
+            if self.start.data.n != self.space.n or self.goal.data.n != self.space.n:
+                raise InputError(f"trees must be of {self.space.n} joints")
         self.alpha, self.scale = danger.whole_weight, danger.scale
         self.slope = danger.slope if self.alpha else 0.0
-        self.share = self.descent.share if danger.cost.has_gradients else 0.0
+        self.share = self.slide if danger.cost.has_gradients else 0.0
         self.clearance, self.least_clearance = margin.wanted, margin.least
         self.too_near, self.patience = margin.refusals, margin.patience
         self.half_life, self.turns = (0.0, 0) if decay is None else (decay.half_life, decay.turns)
-        self.has_danger, self.nodes = danger.alpha > 0.0 and not danger.cost.is_zero, trees.counts.nodes
+        self.has_danger = danger.alpha > 0.0 and not danger.cost.is_zero
         return self._prepare()
 
     cdef int _end(self) except -1:
         """Tell the parts what has become of it."""
         margin = self.margin
         self._count()
-        self.danger.scale, self.trees.counts.nodes = self.scale, self.nodes
+        self.danger.scale = self.scale
+        if self.trees is not None:
+            self.trees.counts.nodes = self.nodes
         if margin.wanted:
             margin.level, margin.refusals = self.clearance, self.too_near
         if self.decay is not None:
             self.decay.turns = self.turns
         # Of OMPL's objects some that are kept beyond a call are never freed.
+        self.busy = False
         self.trees = self.start = self.goal = self.rng = self.stop = self.enough_nodes = self.take_goals = None
         return 0
 

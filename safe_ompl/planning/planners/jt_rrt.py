@@ -12,7 +12,6 @@ import numpy as np
 from safe_ompl.common import Counts, FloatArray
 from safe_ompl.planning.ompl import StateCost, WorkspaceGoal
 from safe_ompl.planning.planners.base import Parameter, Query, SafePlanner
-from safe_ompl.planning.planners.elastic_band import TangentialDescent
 from safe_ompl.planning.planners.growth import Extension, Growth, Tree
 from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import PlannerGraph, Trees
@@ -134,17 +133,16 @@ class SafeJTRRT(SafePlanner):
 
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
-        self._descent = TangentialDescent(self._bridge, self._danger)
         self._margin = Margin(self._problem, self._danger, _LEAST_MARGIN)
         self._decay = DangerDecay(self._danger, self._margin)
-        self._growth = Growth(self._problem, self._danger, self._descent, self._margin)
+        self._growth = Growth(self._problem, self._danger, self._margin)
         self._step = GoalStep(self._problem)
         self._goal: Any = None
         self._place: Place
 
     def _apply_parameters(self) -> None:
         self._danger.alpha = self.alpha
-        self._descent.share = self.slide
+        self._growth.slide = self.slide
         self._growth.rise = self.threshold_rise
         self._step.largest = self.step
         self._step.null_space_gain = self.null_space_gain

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from itertools import pairwise, starmap
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
-from safe_ompl.planning.planners.elastic_band import ElasticBand, TangentialDescent
-from safe_ompl.planning.planners.growth import ROOT
+from safe_ompl.planning.planners.growth import ROOT, Growth
 from safe_ompl.planning.planners.problem import WORTHWHILE, DangerWeight, Margin
 from safe_ompl.planning.planners.roadmap import Roadmap, SearchGraph, squares
 
 _PENALTY = 4  # ranges; added to the length of an edge that does not keep the margin
 _PENALTIES = 2  # of an edge before it is taken whatever it keeps
 _PENALTY_FALL = 0.3  # share of the margin that remains after each penalty
+_USUAL = 0.7  # share of the milestones, the least dangerous ones, that are searched first
 _GROWTH = 0.25  # by this share of itself the sample set grows when it does not suffice …
 _LARGEST_GROWTH = 500  # … but by no more milestones at a time, …
 _TOWARDS_SHARE = 0.8  # … of which this share grows out of the graph that is stuck, …
@@ -41,7 +42,7 @@ class SafePRM(SafePlanner):
     ----------
     range : float >= 0, default 0.0 [rad]
         What `slide` and penalties are measured in; 0 takes 7.5 % of the space's extent.
-    alpha : float >= 0, default 5.0
+    alpha : float >= 0, default 3.0
         Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations: at 1, as much danger as a
         typical step of 1 rad adds is worth a detour of 1 rad. 0 plans classically.
     neighbors : int >= 1, default 25
@@ -72,7 +73,10 @@ class SafePRM(SafePlanner):
       on the way from a milestone of the stuck graph to the uniform random configuration nearest to it, at 5 to 100 % of
       it, log-uniform: the graph grows out of narrow places, as an RRT does. The others are uniform, which makes the
       planner probabilistically complete;
-    * edges of the path descend sideways (`slide`): lower danger between milestones;
+    * the most dangerous three of ten milestones are left out until a search without them has failed: fewer queries and
+      a lower peak;
+    * the path is contracted like an elastic band where neither the peak of the danger nor its integral rises, and
+      its edges descend sideways (`slide`): shorter, and lower danger between milestones;
     * edges near obstacles are penalised (`clearance`): obstacles that are not dangerous are not grazed, either, and no
       way is closed;
     * α is relative to the usual slope of the danger: one default serves all robots.
@@ -96,7 +100,7 @@ class SafePRM(SafePlanner):
     True
     """
 
-    alpha = Parameter(5.0)
+    alpha = Parameter(3.0)
     setAlpha, getAlpha = alpha.methods()
     neighbors = Parameter(25, at_least=1)
     setNeighbors, getNeighbors = neighbors.methods()
@@ -109,13 +113,12 @@ class SafePRM(SafePlanner):
 
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
-        self._descent = TangentialDescent(self._bridge, self._danger)
-        self._band = ElasticBand(self._problem, self._danger, self._descent)
         self._margin = Margin(self._problem, self._danger, WORTHWHILE)
+        self._growth = Growth(self._problem, self._danger, self._margin)
 
     def _apply_parameters(self) -> None:
         self._danger.alpha = self.alpha
-        self._descent.share = self.slide
+        self._growth.slide = self.slide
         self._margin.largest = self.clearance
 
     def _forget_ends(self) -> None:
@@ -127,6 +130,7 @@ class SafePRM(SafePlanner):
     def _search(self, ptc: Any) -> FloatArray | None:
         roots = len(self._roadmap.starts) + len(self._roadmap.goals)
         self._random_set(self.samples + roots - len(self._roadmap), ptc)
+        self._most = self._usual_danger()
         while not ptc():
             self._take_goals(ptc, _GOAL_SAMPLES)
             ends = self._roadmap.starts, self._roadmap.goals
@@ -137,6 +141,9 @@ class SafePRM(SafePlanner):
             if path is not None and all(starmap(self._roadmap.check, pairwise(path))):
                 return self._driven(path, ptc)
             if path is None and not ptc():
+                if self._most < inf:
+                    self._most = inf
+                    continue
                 self._margin.lower()
                 self._enlarge(min(graph, other, key=lambda g: len(g.milestones)), ptc)
         return None
@@ -191,12 +198,23 @@ class SafePRM(SafePlanner):
     def _neighbors(self, graph: SearchGraph, new: int, ptc: Any) -> IntArray:
         """NEIGHBORS: of Samples ∖ Closed(1) the K valid milestones nearest to `new`; edges are checked later."""
         neighbors: list[int] = []
-        for milestone in self._roadmap.nearest(new, graph.closed).tolist():
+        excluded = graph.closed
+        if self._most < inf:
+            excluded = excluded | (self._roadmap.costs(np.arange(len(self._roadmap))) > self._most)
+            ends = [*self._roadmap.starts, *self._roadmap.goals]
+            excluded[ends] = graph.closed[ends]
+        for milestone in self._roadmap.nearest(new, excluded).tolist():
             if len(neighbors) == self.neighbors or ptc():
                 break
             if self._roadmap.is_valid(milestone):
                 neighbors.append(milestone)
         return np.array(neighbors, dtype=np.intp)
+
+    def _usual_danger(self) -> float:
+        """Return the danger that most milestones do not exceed; the others are left out at first."""
+        if not self._danger.weight:
+            return inf
+        return float(np.quantile(self._roadmap.costs(np.arange(len(self._roadmap))), _USUAL))
 
     # ---------------------------------------------------------------------------------------------- samples
 
@@ -230,27 +248,15 @@ class SafePRM(SafePlanner):
         fractions = _NEAREST_TO_GRAPH ** self._rng.random((count, 1))
         return self._bridge.wrapped(self._bridge.moved(fringe[nearest], fractions * steps))
 
-    # --------------------------------------------------------------------------------- the path as it is driven
-
     def _driven(self, path: list[int], ptc: Any) -> FloatArray:
-        """Return the configurations (N, n) of a path, with the way points that keep its long edges from danger."""
-        configurations = self._roadmap.configurations
-        rows = [configurations[path[0]]]
-        for start, end in pairwise(path):
-            rows += [*self._detour(start, end, ptc), configurations[end]]
-        return np.array(rows)
-
-    def _detour(self, start: int, end: int, ptc: Any) -> list[FloatArray]:
-        """Return the way points of an edge, found once."""
-        if not self._descent.acts:
-            return []
-        margin, _ = self._roadmap.margins_of(start, end)
-        detours, key = self._detours, (start, end, self.slide, self.getRange(), margin)
-        if key not in detours:
-            configurations = self._roadmap.configurations
-            ends = configurations[start], configurations[end]
-            detours[key] = self._band.bent(*ends, self.getRange(), ptc, margin)
-        return detours[key]
+        """Return a path (N, n) as it is driven, contracted and bent away from danger; that of the last one is kept."""
+        rows = self._roadmap.configurations[path]
+        if not self._danger.weight:
+            return rows
+        key = (*path, self._danger.weight, self.slide, self.getRange(), self._margin.wanted)
+        if key != self._last[0]:
+            self._last = key, self._growth.settled(rows, self.getRange(), ptc, self._margin.wanted, 1)
+        return self._last[1]
 
     # ------------------------------------------------------------------------------------------- the roadmap
 
@@ -260,7 +266,7 @@ class SafePRM(SafePlanner):
 
     def _forget(self) -> None:
         self._structure = self._roadmap = Roadmap(self._problem)
-        self._detours: dict[tuple[int, int, float, float, float], list[FloatArray]] = {}
+        self._last: tuple[tuple[float, ...], FloatArray] = (), np.empty(0)
         self._margin.reset()
 
     def _restart_roadmap(self, ptc: Any) -> None:

@@ -28,6 +28,7 @@ class Roadmap:
         self.configurations: FloatArray = np.empty((0, problem.bridge.n))
         self._places: FloatArray = self._placed(self.configurations)
         self._costs: FloatArray = np.empty(0)
+        self._priced = 0
         self.valid: BoolArray = np.empty(0, dtype=bool)
         self.invalid, self.connected = self.valid.copy(), self.valid.copy()
         self.edges: dict[tuple[int, int], bool] = {}
@@ -76,9 +77,10 @@ class Roadmap:
 
     def costs(self, milestones: IntArray) -> FloatArray:
         """Return the costs (M,) of `milestones: (M,)`."""
-        new = np.unique(milestones[np.isnan(self._costs[milestones])])
-        if len(new):
-            self._costs[new] = np.fmin(self._problem.cost.values(self.configurations[new]), _WORST_COST)
+        if self._priced < len(self):  # all at once, which costs little more than one
+            new = self.configurations[self._priced :]
+            self._costs[self._priced :] = np.fmin(self._problem.cost.values(new), _WORST_COST)
+            self._priced = len(self)
         return self._costs[milestones]
 
     # ------------------------------------------------------------------------------------------------ verdicts

@@ -6,7 +6,6 @@ from typing import Any
 
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
-from safe_ompl.planning.planners.elastic_band import TangentialDescent
 from safe_ompl.planning.planners.growth import Growth
 from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin
 
@@ -91,14 +90,13 @@ class SafeRRTConnect(SafePlanner):
 
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
-        self._descent = TangentialDescent(self._bridge, self._danger)
         self._margin = Margin(self._problem, self._danger)
         self._decay = DangerDecay(self._danger, self._margin)
-        self._growth = Growth(self._problem, self._danger, self._descent, self._margin, self._decay)
+        self._growth = Growth(self._problem, self._danger, self._margin, self._decay)
 
     def _apply_parameters(self) -> None:
         self._danger.alpha = self.alpha
-        self._descent.share = self.slide
+        self._growth.slide = self.slide
         self._growth.rise = self.threshold_rise
         self._decay.half_life = self.danger_decay
         self._margin.largest = self.clearance

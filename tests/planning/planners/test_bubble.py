@@ -6,8 +6,8 @@ from plane import PlaneProblem
 
 from safe_ompl import Box, BubblePlanner, InputError, Obstacle, Pose, SafeSetup, Scene, Sphere
 from safe_ompl.collision import Bubble, CollisionChecker
-from safe_ompl.planning.planners.elastic_band import ElasticBand, TangentialDescent
-from safe_ompl.planning.planners.problem import DangerWeight, PlanningProblem
+from safe_ompl.planning.planners.growth import Growth
+from safe_ompl.planning.planners.problem import DangerWeight, Margin, PlanningProblem
 
 
 @pytest.mark.parametrize("printed", [False, True])
@@ -52,8 +52,7 @@ def test_the_elastic_band_is_shorter_than_the_chain_of_bubbles_and_proven(planar
     chain = planar3.plan("PaperBubble", time=20.0, parameters={"beta": 20.0})
     problem = PlanningProblem(planar3.getSpaceInformation())
     danger = DangerWeight(problem)
-    band = ElasticBand(problem, danger, TangentialDescent(problem.bridge, danger))
-    settled = band.settled(chain.path, 0.5, lambda: False)
+    settled = Growth(problem, danger, Margin(problem, danger)).settled(chain.path, 0.5, lambda: False, 0.0, 1)
     report = planar3.report(settled)
     assert report.certified
     assert len(settled) < len(chain.path)

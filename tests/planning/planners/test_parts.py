@@ -10,7 +10,6 @@ from safe_ompl import Box, CertifiedMotionValidator, DangerObjective, Obstacle, 
 from safe_ompl.common import Counts, InputError, PlanningError
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import StateCost
-from safe_ompl.planning.planners.elastic_band import TangentialDescent
 from safe_ompl.planning.planners.growth import Extension, Growth
 from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import Trees
@@ -103,7 +102,7 @@ def test_paths_are_those_of_an_objective_of_ones_own(asked):
 
 
 def test_trees_that_grow_are_not_asked_to_grow(plane, danger):
-    growth = Growth(plane, danger, TangentialDescent(plane.bridge, danger), Margin(plane, danger))
+    growth = Growth(plane, danger, Margin(plane, danger))
     trees, rng = Trees(plane.bridge, plane.cost, Counts()), np.random.default_rng(0)
     trees.add_start(np.array([-0.8, 0.0]))
     trees.add_goal(np.array([0.5, 0.0]))
@@ -172,7 +171,7 @@ def test_danger_fades_to_half_and_to_next_to_nothing_or_turn_by_turn(danger, hal
 
 
 def test_the_threshold_begins_with_the_danger_of_the_ends_and_rises_after_eight_refusals(plane, danger):
-    growth = Growth(plane, danger, TangentialDescent(plane.bridge, danger), Margin(plane, danger))
+    growth = Growth(plane, danger, Margin(plane, danger))
 
     def step(trees):  # to where it is a little more dangerous than at the goal
         return growth.extend(trees, trees.start, 0, np.array([0.0, 0.0]), 0.31)[0]

@@ -83,7 +83,7 @@ def test_the_way_back_is_checked_as_it_is_driven():
         def checkMotion(self, start, end):
             return bool(end[0] > start[0])
 
-    task = Problem(wall_with_a_gap)
+    task = Problem(wall_with_a_gap, alpha=0.0)
     assert task.solve() == EXACT
     there, first = task.path, len(task.walls.asked)
     task.ask_again([GOAL], [START])
