@@ -54,6 +54,7 @@ def result_from_mapping(
         validation_time=document.number("report_time", data.get("report_time", 0.0)),  # all that reporting took
         improvements=tuple(Improvement(item["time"], item["cost"]) for item in data.get("improvements", ())),
         ways=tuple(document.number("ways", cost) for cost in document.sequence("ways", data.get("ways", ()))),
+        repaired=document.text("repaired", data["repaired"]) if "repaired" in data else "",
         interrupted=bool(data.get("interrupted", False)),
         moving_obstacles=data.get("moving_obstacles"),
         planned_path=None if planned is None else finite_array(planned, (None, len(names)), "planned_path"),

@@ -53,6 +53,8 @@ class PlanResult:
     ways : tuple of float
         What each way that `ways="all"` told apart costs by the setup's objective, the way of `path` first; by default
         the objective is the integral of danger [field · rad].
+    repaired : str
+        Where the planner was a function: what became of its path, "unchanged" or how it was repaired.
     interrupted : bool
         Whether Ctrl-C ended simplification or optimisation: the path is the best so far.
     planned_path : ndarray, shape (M, n), or None
@@ -81,6 +83,7 @@ class PlanResult:
     counts: Counts = field(default_factory=Counts)
     improvements: tuple[Improvement, ...] = ()
     ways: tuple[float, ...] = ()
+    repaired: str = ""
     interrupted: bool = False
     setup_time: float = 0.0
     validation_time: float = 0.0
@@ -139,7 +142,7 @@ class PlanResult:
         return f"PlanResult({self.status!r}, {points}, {self.planner!r}, seed={self.seed})"
 
     def __str__(self) -> str:
-        """Say in five lines what came of it: outcome, times, length and danger, clearance, proof; a sixth for ways."""
+        """Say in five lines what came of it: outcome, times, length and danger, clearance, proof; repairs, ways."""
         seconds = f"planned in {self.planning_time:.3f} s"
         if self.simplification_time:
             seconds += f", simplified in {self.simplification_time:.3f} s"
@@ -148,6 +151,8 @@ class PlanResult:
             lines += ["no path", "clearance: none", "proof: none"]
         else:
             lines.append(f"{len(self.path)} way points, {self.report}")
+        if self.repaired:
+            lines.append(f"path of {self.planner}: {self.repaired}; proven")
         if self.ways:
             number, best, *others = len(self.ways), *self.ways
             found = f"{number} ways found" if others else "1 way found"
@@ -180,6 +185,8 @@ class PlanResult:
             told["improvements"] = [dict(vars(improvement)) for improvement in self.improvements]
         if self.ways:
             told["ways"] = list(self.ways)
+        if self.repaired:
+            told["repaired"] = self.repaired
         if self.interrupted:
             told["interrupted"] = True
         return told

@@ -251,6 +251,7 @@ class PlanningRun:
             planning_time=planning_time,
             simplification_time=simplification_time,
             counts=counts,
+            repaired=getattr(self._planner, "repaired", ""),
             **found,
         )
 

@@ -44,7 +44,15 @@ from safe_ompl.planning.ompl import (
     SampledValidity,
     WorkspaceGoal,
 )
-from safe_ompl.planning.planners import SafePlanner, SafeRRTConnect, check_planner, make_planner, seed_ompl, termination
+from safe_ompl.planning.planners import (
+    FunctionPlanner,
+    SafePlanner,
+    SafeRRTConnect,
+    check_planner,
+    make_planner,
+    seed_ompl,
+    termination,
+)
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.run import PlanningRun, best_start, noted_ctrl_c, stopping, told, validated
 from safe_ompl.planning.start_and_goals import StartAndGoals
@@ -419,8 +427,10 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
 
         Parameters
         ----------
-        planner : str or ob.Planner
-            A name of `planner_names()`, or a planner on this setup's space information.
+        planner : str, ob.Planner or callable
+            A name of `planner_names()`, a planner on this setup's space information, or a function `(robot, scene,
+            start, goal) -> way points (N, n)`. The path of a function is checked, repaired where it touches, and
+            proven, see `FunctionPlanner`; `PlanResult.repaired` says what became of it.
         time : float
             Time limit [s] of planning and simplification together.
         seed : int
@@ -494,9 +504,12 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         if not self.getSpaceInformation().isSetup():
             self.getSpaceInformation().setup()
         seed_ompl(seed)
-        name = planner if isinstance(planner, str) else planner.getName()  # BITstar renames itself kBITstar
+        given = planner
         if isinstance(planner, str):
             planner = make_planner(planner, self.getSpaceInformation(), parameters)
+        elif not isinstance(planner, ob.Planner):
+            planner = FunctionPlanner(self.getSpaceInformation(), planner)
+        name = given if isinstance(given, str) else planner.getName()  # BITstar renames itself kBITstar
         if isinstance(planner, SafePlanner):
             planner.setSeed(seed)
         self.clear()

@@ -11,7 +11,7 @@ from typing import Any
 
 import safe_ompl.scene as scenes
 from safe_ompl.common import documents as document
-from safe_ompl.planning.planners import make_planner
+from safe_ompl.planning.planners import PathFunction, make_planner
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot import Robot
@@ -21,7 +21,7 @@ _log = logging.getLogger(__name__)
 
 def plan(
     scenario: scenes.Scenario | str | Path,
-    planner: str = "SafeRRTConnect",
+    planner: str | PathFunction = "SafeRRTConnect",
     time: float | None = None,
     seed: int = 0,
     parameters: Mapping[str, Any] | None = None,
@@ -36,7 +36,7 @@ def plan(
     begin = perf_counter()
     scenario = _loaded(scenario)
     setup = setup_scenario(scenario)
-    own = scenario.planners.get(planner, {})
+    own = scenario.planners.get(planner, {}) if isinstance(planner, str) else {}
     built = perf_counter() - begin
     result = setup.plan(
         planner,

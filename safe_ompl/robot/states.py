@@ -319,7 +319,8 @@ def _coordinates_of(space: Any) -> tuple[list[str], list[float], list[float]]:
         return [_LINE] * space.getDimension(), list(bounds.low), list(bounds.high)
     if isinstance(space, ob.CompoundStateSpace):
         parts = [_coordinates_of(space.getSubspace(i)) for i in range(space.getSubspaceCount())]
-        return tuple(list(chain.from_iterable(each)) for each in zip(*parts, strict=True))
+        kinds, lower, upper = (list(chain.from_iterable(each)) for each in zip(*parts, strict=True))
+        return kinds, lower, upper
     raise InputError(
         f"state space {_named(space)}: only real vectors, SO(2), SO(3) and compounds of these can be planned in"
     )

@@ -1,5 +1,6 @@
 from .base import Parameter as Parameter, SafePlanner as SafePlanner
 from .bubble import BubblePlanner as BubblePlanner
+from .given import FunctionPlanner as FunctionPlanner, PathFunction as PathFunction
 from .jt_rrt import SafeJTRRT as SafeJTRRT
 from .prm import SafePRM as SafePRM
 from .registry import (

@@ -111,15 +111,15 @@ def check_usable(planner: Any) -> None:
 
 
 def check_planner(planner: Any, si: Any) -> None:
-    """Raise an error if this is neither a name nor a planner on a space information, or one that cannot be used."""
-    if isinstance(planner, str):
+    """Raise an error if this is no name, function or planner on a space information, or one that cannot be used."""
+    if isinstance(planner, str) or (callable(planner) and not isinstance(planner, type)):
         return
     if isinstance(planner, type) and issubclass(planner, ob.Planner):
         raise InputError(
             f"{planner.__name__} is a class: give a planner, {planner.__name__}(setup.getSpaceInformation())"
         )
     if not isinstance(planner, ob.Planner):
-        raise InputError(f"planner must be a name of planner_names() or an ob.Planner, got {planner!r}")
+        raise InputError(f"planner must be a name of planner_names(), a function or an ob.Planner, got {planner!r}")
     if planner.getSpaceInformation() is not si:
         raise InputError(
             f"{planner.getName()} is a planner of another setup: make it with this one's getSpaceInformation()"
