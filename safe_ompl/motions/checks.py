@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from itertools import compress
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -26,7 +27,7 @@ from safe_ompl.common import (
 from safe_ompl.motions.constraints import Constraints, claims_of
 from safe_ompl.motions.limits import RateLimits
 from safe_ompl.motions.motion import Motion
-from safe_ompl.motions.pieces import piece_proofs
+from safe_ompl.motions.pieces import piece_proofs, proven_by_bounds
 from safe_ompl.motions.rates import DISTANCES, Violation, rate_violations, stops_of
 from safe_ompl.motions.stops import Stops
 from safe_ompl.motions.timing import time_path
@@ -220,7 +221,8 @@ def check_with(
     found = rate_violations(motion, robot, limits)
     outside = {violation.names[0] for violation in found if violation.kind == "position"}
     stretches: list[Violation] = []
-    for piece in piece_proofs(motion, replace(proof, stop=lambda: perf_counter() > end)):
+    pieces = list(piece_proofs(motion, replace(proof, stop=lambda: perf_counter() > end)))
+    for piece in compress(pieces, ~proven_by_bounds(pieces)):
         verdict = piece.verdict()
         joint, what = verdict.pair or ("", "")
         # Pairs and radii hold within the limits only: beyond them nothing else is known.

@@ -145,11 +145,11 @@ class Motion:
         Where coefficients cancel, places of the polynomial are rounded by more than proofs allow for in any case.
         """
         rough = 4 * (self.degree + 1) * polynomials.EPS * np.abs(self.coefficients).sum(axis=1)
+        rough[1:] += np.abs(self.jumps(0))
+        rough += 0.0 if self.rounding is None else self.rounding
+        # Rounding alone must not make a tube: within one, pairs must be looked at that cannot touch.
         allowance: FloatArray = np.where(rough > _NEGLIGIBLE_ROUNDING, rough, 0.0)
-        for part in (self.slack, self.rounding):
-            allowance += 0.0 if part is None else part
-        allowance[1:] += np.abs(self.jumps(0))
-        return allowance
+        return allowance if self.slack is None else allowance + self.slack
 
     def at(self, time: float | ArrayLike) -> FloatArray:
         """Return the configuration (n,) at a time [s], or (T, n) at times (T,); it rests before and after.

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from safe_ompl.collision import MotionProver, MotionVerdict, ToolLimit, ToolOrientation, Verdict
-from safe_ompl.common import FloatArray, polynomials
+from safe_ompl.common import BoolArray, FloatArray, polynomials
 from safe_ompl.danger import DangerLimit
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.rates import Violation
@@ -98,6 +98,14 @@ class PieceProof(NamedTuple):
         # What the tube and the allowance of the piece add is no limit that somebody has set.
         asked = float(replace(self.proof.separation, tube=()).required(checker).least[worst])
         return {**given, "kind": "clearance", "limit": asked or None, "nearer": least - asked}
+
+
+def proven_by_bounds(pieces: Sequence[PieceProof]) -> BoolArray:
+    """Return which pieces (K,) bounds of distances prove, in one pass; of the others nothing is said."""
+    proof = pieces[0].proof
+    if proof.limits or any(piece.proof is not proof for piece in pieces):
+        return np.zeros(len(pieces), dtype=bool)
+    return proof.proven_by_bounds(np.array([piece.curve for piece in pieces]))
 
 
 def piece_proofs(motion: Motion, proof: MotionProver) -> Iterator[PieceProof]:
