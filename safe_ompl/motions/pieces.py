@@ -114,8 +114,9 @@ def piece_proofs(motion: Motion, proof: MotionProver) -> Iterator[PieceProof]:
     if motion.slack is None:
         # All pieces get the same allowance for rounding, so that they share a proof.
         allowance = np.broadcast_to(allowance.max(axis=0), allowance.shape)
-    within: dict[bytes, MotionProver] = {}
-    for k, row in enumerate(np.array(separation.tube or np.zeros(motion.n)) + allowance):
+    tube = np.array(separation.tube or np.zeros(motion.n))
+    within = {tube.tobytes(): proof}
+    for k, row in enumerate(tube + allowance):
         if row.tobytes() not in within:
             within[row.tobytes()] = replace(proof, separation=replace(separation, tube=tuple(row.tolist())))
         span = float(motion.times[k]), float(motion.times[k + 1])

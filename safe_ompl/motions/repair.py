@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from safe_ompl.common import FloatArray, InputError, IntArray, notebook_html, po
 from safe_ompl.motions.checks import MotionCheck, check_with
 from safe_ompl.motions.limits import RateLimits
 from safe_ompl.motions.motion import Motion
-from safe_ompl.motions.pieces import PieceProof, piece_proofs
+from safe_ompl.motions.pieces import PieceProof, piece_proofs, proven_by_bounds
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People
 
@@ -182,7 +183,8 @@ class Displacement:
 
     def __init__(self, motion: Motion, proof: MotionProver) -> None:
         self._proof, self._given = proof, motion
-        self.bad = [piece.number for piece in piece_proofs(motion, proof) if not piece.proven()]
+        pieces = list(piece_proofs(motion, proof))
+        self.bad = [piece.number for piece in compress(pieces, ~proven_by_bounds(pieces)) if not piece.proven()]
 
     def moved(self) -> Motion | None:
         """Return the motion, moved away from what is too near; None if that cannot be proven."""
@@ -230,7 +232,8 @@ class Displacement:
         moved, waiting = motion, set(range(motion.pieces))
         for attempt, spare in enumerate(np.repeat(_EXTRA_DISTANCES, _ATTEMPTS).tolist()[:attempts]):
             pieces = list(piece_proofs(moved, self._proof))
-            verdicts = {k: pieces[k].verdict() for k in sorted(waiting)}
+            asked_for = [pieces[k] for k in sorted(waiting)]
+            verdicts = {piece.number: piece.verdict() for piece in compress(asked_for, ~proven_by_bounds(asked_for))}
             bad = {k: found.at for k, found in verdicts.items() if found.verdict is not Verdict.FREE}
             if not bad:
                 return moved
@@ -280,6 +283,7 @@ class Displacement:
         """Return by how much distances are too small at `Q: (B, n)`; negative for those that may become too small."""
         robot, required = proof.checker.robot, proof.required
         pairs, wanted = required.pairs, required.least + spare[:, None]
+        carriers = pairs.carriers
         near = wanted + _CONSTRAINT_BAND
         bounds = pairs.bounds.of(Q, np.arange(wanted.shape[1]), float(near.max(initial=0.0)))
         of, joints, points, normals, missing = [], [], [], [], []
@@ -288,7 +292,7 @@ class Displacement:
             for k, found in zip(asked.tolist(), pairs.nearest(Q[row], asked), strict=True):
                 if found.distance < near[row, k]:
                     of.append(row)
-                    joints.append(pairs.carriers[k])
+                    joints.append(carriers[k])
                     points.append(found.points)
                     normals.append(found.normal)
                     missing.append(wanted[row, k] - found.distance)
