@@ -1,8 +1,8 @@
 """The pictures of the pages in docs/, some minutes.
 
-That of the viewer is a picture of a headless Chromium's window (selenium, `chromium` and `chromium-driver`); those of
-`panda_shelf` are made by `safe-ompl compare`, and by `safe-ompl view panda_shelf --planners
-ClassicRRTConnect,SafeRRTConnect --simplify --animation docs/panda_shelf.webp`.
+That of the viewer is a picture of a headless Chromium's window (selenium, `chromium` and `chromium-driver`). Those of
+`panda_shelf` are `paths.png` of `safe-ompl compare panda_shelf --out out`, and what `safe-ompl view panda_shelf
+--animation docs/panda_shelf.webp` writes.
 """
 
 from __future__ import annotations
@@ -276,7 +276,6 @@ def viewer() -> None:
             bar = WebDriverWait(browser, _PATIENCE).until(
                 lambda b: b.find_element("css selector", "input[inputmode=decimal]")
             )
-            bar.find_element("xpath", "./preceding::button[1]").click()  # it stands still for its picture
             bar.send_keys(Keys.CONTROL, "a")
             bar.send_keys(f"{0.45 * record.motion.duration:.2f}", Keys.ENTER)
             sleep(_SETTLED)

@@ -40,6 +40,7 @@ _KINDS: dict[str, tuple[tuple[float, ...], bool]] = {
 }
 # Today's practice in comparisons: distinct from the safe planners to the colour-blind, too.
 _PRACTICE = "#c8452b"
+_SOLID: tuple[float, ...] = ()
 _OTHERS = ("#596675", "#8b96a1", "#3a444f", "#aab2ba")
 _OTHER_DASHES: tuple[tuple[float, ...], ...] = ((4.0, 1.5), (1.2, 1.2), (6.0, 1.5, 1.2, 1.5), (2.5, 1.0))
 
@@ -60,7 +61,7 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
         if kind is None and family is not None and name.startswith(f"{family}Planner"):
             kind = "Safe"
         if name.startswith("OMPL "):
-            colour, dashes, strong = _PRACTICE, (), True
+            colour, dashes, strong = _PRACTICE, _SOLID, True
         elif family is None or kind is None:
             (colour, dashes), strong = next(others), False
         else:

@@ -100,7 +100,7 @@ def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -
     groups = {"as planned": planned, "simplified": summaries} if campaign.simplify else {"as planned": planned}
     # Ctrl-C may come before there is a run.
     large = [summaries[0], safest(summaries)] if summaries else []
-    words = in_words(*large, list(groups)[-1]) if large else ""
+    words = in_words(large[0], large[-1], list(groups)[-1]) if large else ""
     report = {
         "scenario": name,
         "robot": robot.name,
@@ -126,7 +126,9 @@ def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -
         with console.status("drawing"):
             plots.plot_profiles({summary.planner: summary.profiles for summary in shown}, folder / "profiles.png")
             if typical:
-                render_comparison(setup.robot, setup.scene, typical, folder / "paths.png", words=words)
+                # A picture is of paths: the time, which is said last, is left out.
+                gain = words.rpartition(", ")[0] if all(summary.solved for summary in large) else words
+                render_comparison(setup.robot, setup.scene, typical, folder / "paths.png", words=gain)
     console.print(f"report{'' if advice else ' and pictures'} in {folder}")
     console.print(f"see them move: safe-ompl view {campaign.scenario.file or name}")
     return status or int(not all(summary.solved for summary in summaries))
