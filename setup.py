@@ -10,14 +10,10 @@ import platform
 import shutil
 import sys
 import sysconfig
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy
-from Cython import __version__ as cython_version
-from Cython.Build import cythonize
-from Cython.Build.SharedModule import generate_shared_module
-from Cython.Compiler.Options import CompilationOptions
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
 from setuptools.command.build_py import build_py
@@ -48,7 +44,7 @@ LANES = ["safe_ompl.danger.lanes"]
 
 # Cython's code for memory views is compiled once, into this module, instead of into every module.
 SHARED = "safe_ompl.common.memoryviews"
-SHARED_SOURCE = f"build/memoryviews_{cython_version}.c"
+SHARED_SOURCE = f"build/memoryviews_{version('Cython')}.c"
 
 # Results must not depend on the compiler, so fused multiply-add (-ffp-contract) is off, and -ffast-math is never used.
 # The two -fno-… flags change no result; without them loops that take square roots are not vectorised.
@@ -75,7 +71,7 @@ def extensions(with_zig: bool) -> list[Extension]:
 
     def extension(module: str, *flags: str) -> Extension:
         source = module.replace(".", "/") + ".pyx"
-        return Extension(module, [source], include_dirs=[numpy.get_include()], extra_compile_args=[*FLAGS, *flags])
+        return Extension(module, [source], extra_compile_args=[*FLAGS, *flags])
 
     baseline = level("x86-64", with_zig)
     scalar = [extension(module, *baseline, "-fno-tree-slp-vectorize") for module in SCALAR]
@@ -93,9 +89,14 @@ class BuildModules(build_ext):
         self.parallel = self.parallel or os.cpu_count() or 1
 
     def run(self) -> None:
-        header, version = Path(sysconfig.get_path("include"), "Python.h"), sysconfig.get_python_version()
+        # Only here, as pip runs this file several times before it builds.
+        from Cython.Build import cythonize
+        from Cython.Build.SharedModule import generate_shared_module
+        from Cython.Compiler.Options import CompilationOptions
+
+        header, python = Path(sysconfig.get_path("include"), "Python.h"), f"python{sysconfig.get_python_version()}"
         if not header.exists():
-            sys.exit(f"{header} is missing: install python{version}-dev (Debian, Ubuntu) or python3-devel (Fedora)")
+            sys.exit(f"{header} is missing: install {python}-dev (Debian, Ubuntu) or python3-devel (Fedora)")
         own = compiler()
         if own is None and find_spec("ziglang") is None:
             sys.exit("there is no C compiler: install one (gcc or clang), or one from PyPI: pip install ziglang")

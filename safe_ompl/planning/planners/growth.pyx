@@ -21,6 +21,7 @@ from cpython.exc cimport PyErr_CheckSignals
 from cpython.pycapsule cimport PyCapsule_GetPointer
 from cython cimport final
 from libc.math cimport INFINITY, M_PI, NAN, cos, fabs, nextafterf, pow, sin, sqrt
+from libc.stdint cimport uint32_t, uint64_t
 from libc.stdlib cimport free, realloc
 from libc.string cimport memcpy
 
@@ -38,10 +39,13 @@ from safe_ompl.collision import ALLOWANCE
 from safe_ompl.common import InputError, PlanningError
 from safe_ompl.robot import plain
 
-cdef extern from "numpy/random/bitgen.h":
-    ctypedef struct bitgen_t:
-        void *state
-        double (*next_double)(void *) noexcept nogil
+# NumPy's bitgen_t (numpy/random/bitgen.h), up to the function that is called here. Its layout is part of NumPy's public
+# C interface. Stated here, it needs no headers: building does without NumPy, whose installation takes seconds.
+cdef struct bitgen_t:
+    void *state
+    uint64_t (*next_uint64)(void *) noexcept nogil
+    uint32_t (*next_uint32)(void *) noexcept nogil
+    double (*next_double)(void *) noexcept nogil
 
 # The parent of a node that has none.
 ROOT = -1
