@@ -9,7 +9,7 @@ The first line is a header:
 
 ``robot`` and ``scene`` are as in saved results (`safe_ompl.io.problems`); the scene holds what stands still, and moving
 objects where they are at first, but no tracked people; ``objects`` are bounds of speeds [m/s]. In a time t a limb goes
-no farther than its speed · t, of ``speeds`` [m/s]; ``noise`` bounds the errors of what is seen [m]. Every other line is
+no farther than its speed · t, of ``speeds`` [m/s]; ``noise`` bounds the errors of measurements [m]. Every other line is
 a tick:
 
     {"time": 1.25, "q": [...], "qd": [...], "stop": {"times": [1.25, 1.3, ...], "q": [[...], ...], "qd": [[...], ...]},
@@ -34,7 +34,7 @@ and ``qd`` were measured, if not at ``time``. ``ahead``, in the first tick of
 a path, are the way points of that path. ``obeyed`` says whether everybody kept to the reach model until the next tick;
 ``reaction`` is how long the answer to this measurement took (null: too long). Ticks of a `Shield` have no truth but
 what was seen last, no ``obeyed`` and no ``reaction``; ``follows`` and ``delay`` are those of a `ShieldCommand`.
-Where a controller drives a program ``step`` is the number of its step, from 1, and ``holds`` what the robot holds.
+If a controller executes a program, ``step`` is the number of its step, from 1, and ``holds`` names attached objects.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Tracked people and objects: where they were seen last, how long ago, and who moved farther than promised."""
+"""Tracked people and objects: their last measurements, the ages of these, and who broke the reach model."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from safe_ompl.live.skeletons import KEYPOINTS, Skeleton, TrackedBody
 from safe_ompl.scene import People, Scene
 
 _REACH_ROUNDING = 1e-9  # [m] or [s]
-# The reach sets of a cloud are at most so many balls, about cells of a grid whose smallest edge is this.
+# The reach sets of a cloud are at most this many balls around the cells of a grid, whose edges are at least this long.
 _MOST_BALLS = 256
 _LEAST_GRID_EDGE = 0.01  # [m]
 
@@ -62,7 +62,7 @@ class PersonTrack:
 
     def __init__(self, name: str, tracker: Tracker, people: People) -> None:
         self.name, self.tracker = name, tracker
-        # (M,), of the limbs, at most [m/s].
+        # Bounds of the speeds of the limbs (M,) [m/s].
         self.speeds: FloatArray = np.array([people.speed_of(limb) for limb in tracker.body.limbs])
         self.time = -np.inf
         self._places: FloatArray = np.full((len(KEYPOINTS), 3), np.nan)
@@ -74,7 +74,7 @@ class PersonTrack:
 
     @property
     def age(self) -> float:
-        """How old [s] the eldest of the key points is that were ever seen; infinite before the first one."""
+        """Age [s] of the oldest key point that was ever seen; infinite before the first measurement."""
         seen = self._times[np.isfinite(self._times)]
         return float(self.time - seen.min()) if len(seen) else np.inf
 
@@ -84,7 +84,7 @@ class PersonTrack:
         return self._completed
 
     def observe(self, points: ArrayLike | None, time: float) -> ReachViolation | None:
-        """Take what the sensor saw at a time [s], and return the limb that moved farther than was promised, if one did.
+        """Take the measurement of a time [s], and return the limb that broke the reach model, if there is one.
 
         Key points (J, 3) are as the skeleton has them; NaN, or None for all of them: not seen. Raises InputError if the
         time goes backwards, or as `Skeleton.keypoints`.
@@ -114,7 +114,7 @@ class PersonTrack:
         return ReachViolation(self.name, promised.names[worst][1], float(excess[worst]))
 
     def sets(self) -> ReachSets:
-        """Return where the limbs may be from the time of the last measurement on; errors as `measured`."""
+        """Return the reach sets of the limbs from the time of the last measurement on; errors as `measured`."""
         if self._sets is None:
             ends, ages = self.measured()
             body, growth = self.tracker.body, np.column_stack([self.tracker.noise + self.speeds * ages, self.speeds])
@@ -123,7 +123,7 @@ class PersonTrack:
         return self._sets
 
     def measured(self) -> tuple[FloatArray, FloatArray]:
-        """Return where the ends (M, 2, 3) of the limbs were seen last [m], and how long ago (M,) the elder one was [s].
+        """Return the last measured ends (M, 2, 3) of the limbs [m], and the age (M,) of the older end of each [s].
 
         Raises InputError if the person was never seen.
         """
@@ -220,7 +220,7 @@ class CloudTrack(ObjectTrack):
 
 
 def ball_cover(points: FloatArray, most: int) -> tuple[FloatArray, float]:
-    """Return at most so many balls, centres (M, 3) and one radius [m], that hold points (N, 3): cells of a grid."""
+    """Return a limited number of balls, centres (M, 3) and one radius [m], that contain points (N, 3)."""
     edge, cells = _LEAST_GRID_EDGE, np.floor(points / _LEAST_GRID_EDGE).astype(np.int64)
     while True:
         low, extent = cells.min(axis=0), np.ptp(cells, axis=0) + 1
@@ -300,7 +300,7 @@ class Surroundings:
         return seen and all(np.isfinite(track.seen) for track in self.objects.values())
 
     def description(self) -> dict[str, Any]:
-        """Return who and what moves, and what is assumed of them, as the header of ticks has it."""
+        """Return the tracked people and objects and the assumptions about them, for the header of ticks."""
         people = {}
         for name, track in self.people.items():
             body = track.tracker.body
@@ -319,7 +319,7 @@ class Surroundings:
         }
 
     def seen(self) -> dict[str, Any]:
-        """Return where all were seen last, as plain data, see `who_is_where`; nobody who was never seen."""
+        """Return the last measurements as plain data, see `who_is_where`; without people who were never seen."""
         people = {name: track.keypoints for name, track in self.people.items()}
         return who_is_where(people, {name: thing.pose for name, thing in self.objects.items()})
 
@@ -355,7 +355,7 @@ class Surroundings:
         self.time, self.sets, self._violations = before.time, before.sets, before._violations
 
     def trouble(self, time: float, lost_after: float) -> str | None:
-        """Return who moved farther than promised or is lost, so that the robot must stop; else None."""
+        """Return in words who broke the reach model or is lost, so that the robot must stop; else None."""
         for name, track in self._tracks.items():
             age = time - self.time + track.age
             if age > lost_after:

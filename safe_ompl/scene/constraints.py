@@ -81,29 +81,31 @@ class TipBox(Section):
 
 @dataclass(frozen=True)
 class MovingObstacles(Section):
-    """Obstacles whose place is not certain: each may go anywhere, no faster than its speed."""
+    """Obstacles that may move in any direction, each no faster than its speed."""
 
     speeds: Mapping[str, float] = key(
         document.by_name, read=document.number, at_least=0.0, least="obstacle"
     )  # Bounds [m/s]
-    time: float = key(document.number, above=0.0)  # From the moment of the scene to the end of the last motion [s]
+    # From the moment of the scene to the end of the last motion [s].
+    time: float = key(document.number, above=0.0)
 
 
 @dataclass(frozen=True)
 class PathLimits(Section):
     """Hard limits of paths, proven along whole motions."""
 
-    max_danger: float = key(document.number, default=0.0, at_least=0.0)  # Of any configuration; 0: any danger
-    # Distance that the robot keeps [m], 0: it only must not touch; from some obstacles, by default those with a danger
-    # weight; but for pairs of a link and an obstacle
+    # The largest danger of any configuration; 0 does not limit the danger.
+    max_danger: float = key(document.number, default=0.0, at_least=0.0)
+    # The distance that the robot keeps from `obstacles` [m], by default from those with a danger weight. 0 excludes
+    # contact only. Pairs of a link and an obstacle may be `exempt`.
     min_clearance: float = key(document.number, default=0.0, at_least=0.0)
     obstacles: tuple[str, ...] | None = key(document.each, default=None, read=document.text)
     exempt: tuple[tuple[str, str], ...] = key(pairs_of_names, default=())
     tool: ToolConstraint | None = key(document.section, default=None, kind=ToolConstraint)
     tip: TipBox | None = key(document.section, default=None, kind=TipBox)
-    # What may come nearer while the path is driven: it is free whatever they do
+    # Obstacles that may move during the motion. The path is proven free for every such movement.
     moving: MovingObstacles | None = key(document.section, default=None, kind=MovingObstacles)
-    # How far each joint may be from where it should be: one for all, or all [rad or m]
+    # The largest tracking error of each joint: one for all joints, or one each [rad or m].
     tube: ByJoint | None = key(_by_joint, default=None, at_least=0.0)
 
 
@@ -117,7 +119,8 @@ class MotionLimits(Section):
     acceleration: ByJoint | None = key(_by_joint, default=None, **RATE_BOUNDS["acceleration"])
     jerk: ByJoint | None = key(_by_joint, default=None, **RATE_BOUNDS["jerk"])
     tool_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])  # Of the tip [m/s]
-    link_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])  # Of any point of any link
+    # The largest speed of any point of any link [m/s].
+    link_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])
     # Of the kinetostatic danger, that grows with speed: k2 and gamma are options of the scenario's danger
     max_danger: float | None = key(document.number, default=None, above=0.0)
 

@@ -22,7 +22,8 @@ WHERE_FROM = (
     "such files come from VAMP's repository: resources/ROBOT/problems.tar.bz2, made into problems.json by its script "
     "resources/problem_tar_to_pkl_json.py"
 )
-_SLIGHTLY = 0.1  # [rad or m]; a goal this far outside the limits is still believed
+# Joint limits are widened for goals that are outside them by at most this much: files round their goals.
+_SLIGHTLY = 0.1  # [rad or m]
 
 
 @dataclass(frozen=True)

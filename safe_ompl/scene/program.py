@@ -49,10 +49,13 @@ class _Target(_Contact):
     ways: ClassVar[tuple[str, ...]] = ("pose", "grasp", "place")
     # In the world; in a document `position` and `quaternion_xyzw`, `rpy` or `yaw`
     pose: Pose | None = key(document.section, default=None, kind=Pose)
-    grasp: str | None = key(document.text, default=None)  # An object: the tip goes to one of its grasps
-    place: str | None = key(document.text, default=None)  # An object that is held: it goes to one of its places
-    up: float = key(document.number, default=0.0)  # So much higher in the world [m],
-    back: float = key(document.number, default=0.0)  # and so far behind along the z axis of the tip [m]
+    # An object: the tip goes to one of its grasps.
+    grasp: str | None = key(document.text, default=None)
+    # An attached object: it goes to one of its places.
+    place: str | None = key(document.text, default=None)
+    # The target is moved up in the world, and back along the z axis of the tip [m].
+    up: float = key(document.number, default=0.0)
+    back: float = key(document.number, default=0.0)
     # Of several robots in a cell the one that moves, by its prefix; default: the one that has the tip
     arm: str | None = key(document.text, default=None)
 
@@ -95,10 +98,13 @@ class Move(_Target):
 class _Corridor(_Contact):
     """A tool motion in a corridor."""
 
-    within: float = key(document.number, default=0.001, above=0.0)  # How near the tip stays to the curve [m],
-    angle: float = key(document.number, default=0.01, above=0.0)  # and to its orientation [rad],
-    free_axis: str | None = key(document.one_of, default=None, known=("x", "y", "z"))  # but for turns about this axis
-    speed: float | None = key(document.number, default=None, above=0.0)  # [m/s]; default: as fast as the joints can
+    # The largest deviations of the tip from the curve [m], and from its orientation [rad].
+    within: float = key(document.number, default=0.001, above=0.0)
+    angle: float = key(document.number, default=0.01, above=0.0)
+    # The tip may turn about this axis of its frame.
+    free_axis: str | None = key(document.one_of, default=None, known=("x", "y", "z"))
+    # Speed of the tip [m/s]; default: as fast as the joints can.
+    speed: float | None = key(document.number, default=None, above=0.0)
 
 
 @dataclass(frozen=True)
@@ -107,7 +113,8 @@ class Line(_Corridor, _Target):
 
     kind: ClassVar[str] = "line"
     ways = (*_Target.ways, "by")
-    by: tuple[float, ...] | None = key(document.numbers, default=None, count=3)  # in the world, instead of a place [m]
+    # A displacement in the world instead of a pose [m].
+    by: tuple[float, ...] | None = key(document.numbers, default=None, count=3)
 
     @property
     def targets(self) -> dict[str, Any]:

@@ -28,7 +28,8 @@ class Goal(Section):
     """
 
     configurations: tuple[Configuration, ...] = key(document.each, default=(), read=read_configuration)  # any will do
-    position: tuple[float, ...] | None = key(document.numbers, default=None, count=3)  # Of the tip in the world [m]
+    # Position of the tip in the world [m].
+    position: tuple[float, ...] | None = key(document.numbers, default=None, count=3)
     quaternion_xyzw: tuple[float, ...] | None = key(document.numbers, default=None, count=4)
     # How near to the place or region is near enough [m]; default: 0.01 for a place, 0.001 for a region
     tolerance: Any = key(document.number, default=None, above=0.0)  # becomes a float
@@ -182,7 +183,8 @@ class Scenario(Section):
     robot: RobotSpec = key(read_robot)
     scene: Scene = key(document.section, kind=Scene)
     start: Configuration = key(read_configuration)
-    goal: Goal = key(document.section, default=None, kind=Goal)  # None where there is a program only
+    # None if there is a program only.
+    goal: Goal = key(document.section, default=None, kind=Goal)
     program: Program | None = key(document.section, default=None, kind=Program)
     description: str = key(_description, default="")
     danger: Mapping[str, Any] = key(_parameters, factory=dict)
@@ -211,7 +213,8 @@ class Scenario(Section):
             raise InputError(
                 f"is a robot, not a scenario: `safe-ompl new {file} -o scenario.yaml` writes one for it", str(file)
             )
-        if file.suffix.lower() not in (".yaml", ".yml"):  # as others are no files, but names
+        # Without such an ending it is the name of a scenario.
+        if file.suffix.lower() not in (".yaml", ".yml"):
             file = find_scenario(name_or_path)
         with files.reading(file) as data:
             data = {"name": file.stem, "scene": None, **data}

@@ -16,7 +16,8 @@ from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError,
 from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Shape, Sphere, check_number, placed
 from safe_ompl.scene.scene_text import read_scene_text
 
-CORE = " mm deep"  # the end of the names of what is so deep in an obstacle that may be touched
+# `Scene.touched` names the core of an obstacle, which links must not touch, with this ending.
+CORE = " mm deep"
 _SPACING = 0.1  # [m]
 _MBM_KINDS = ("box", "cylinder", "sphere", "capsule")
 
@@ -66,7 +67,8 @@ class Scene(document.Section):
     obstacles: tuple[Obstacle, ...] = document.key(_obstacles, default=())
     spacing: float = document.key(document.number, default=_SPACING, above=0.0)
 
-    if TYPE_CHECKING:  # what is given, which becomes what the fields say
+    # Type checkers see what callers may give; checks turn it into the types of the fields.
+    if TYPE_CHECKING:
 
         def __init__(self, obstacles: Iterable[Obstacle | Mapping[str, Any]] = ..., spacing: float = ...) -> None: ...
 
@@ -233,7 +235,8 @@ class Scene(document.Section):
             If there is no obstacle of a name, or a place cannot be used; the message starts with the name.
         """
         for name in document.mapping("places", places):
-            self[name]  # raises where there is none
+            # Raises UnknownNameError if there is no such obstacle.
+            self[name]
         obstacles = []
         for obstacle in self.obstacles:
             if obstacle.name in places:

@@ -17,7 +17,8 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _LEAST_INTERVAL = 1e-6
 # The allowance for errors of kinematics.
 _KINEMATICS_ROUNDING = 1e-9  # [m and rad]
-_MOST_INTERVALS = 200_000  # intervals
+# The proof gives up when more intervals than this are open.
+_MOST_INTERVALS = 200_000
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,8 @@ class _Proof:
                 at = float((first, last)[k[0]][k[1]])
                 return CorridorProof(False, float(ends[0].max()), float(ends[1].max()), at, outside=True)
             apart, turned = self._bounds(first, last, ends, rates)
-            open_ = ~((apart <= self._corridor.position) & (turned <= self._corridor.angle))  # NaN is not proven
+            # Written so that an interval with NaN stays open.
+            open_ = ~((apart <= self._corridor.position) & (turned <= self._corridor.angle))
             position = max(position, float(apart[~open_].max(initial=0.0)))
             angle = max(angle, float(turned[~open_].max(initial=0.0)))
             first, last = first[open_], last[open_]
@@ -158,7 +160,7 @@ class _Proof:
         piece = self._pieces(first, last)
         times, spans = self._motion.times, np.diff(self._motion.times)
         deviations, rates = np.empty((2, 2, len(first))), np.empty((2, len(first)))
-        # This selects the curve's segment inside the interval for the derivatives.
+        # The curve is read slightly inside the interval. At a corner this selects the segment of the interval.
         inside = (last - first) * 1e-9
         for k, s in enumerate((first, last)):
             u = ((s - times[piece]) / spans[piece])[:, None]
@@ -186,19 +188,23 @@ class _Proof:
         piece, h = self._pieces(first, last), last - first
         times, spans = self._motion.times, np.diff(self._motion.times)
         u = (first - times[piece]) / spans[piece], (last - times[piece]) / spans[piece]
-        speed, push = (
+        speed, joint_acceleration = (
             np.abs(polynomials.bernstein(polynomials.restricted(held[piece], *u))).max(axis=1) * (1 + 1e-9) + 1e-12
             for held in self._derivatives
         )
         reach = self._robot.coupling.reach
-        speed, push = reach(speed)[:, self._order], reach(push)[:, self._order]
-        bend, twist = self._path.bends(first, last)
-        acceleration = push @ self._radii + np.einsum("bi,ij,bj->b", speed, self._pairs, speed)
-        apart = ends[0].max(axis=0) + (acceleration + bend) * h**2 / 8
+        speed, joint_acceleration = reach(speed)[:, self._order], reach(joint_acceleration)[:, self._order]
+        curvature, angular_acceleration = self._path.second_derivative_bounds(first, last)
+        acceleration = joint_acceleration @ self._radii + np.einsum("bi,ij,bj->b", speed, self._pairs, speed)
+        apart = ends[0].max(axis=0) + (acceleration + curvature) * h**2 / 8
         turning = speed @ self._turns
-        change = push @ self._turns + np.einsum("bi,ij,bj->b", speed, self._turn_pairs, speed) + twist
+        change = joint_acceleration @ self._turns + np.einsum("bi,ij,bj->b", speed, self._turn_pairs, speed)
+        change += angular_acceleration
         if self._tip.free_axis is not None:
-            spin = np.maximum(*(np.linalg.norm(self._path.at(s).spins, axis=1) for s in (first, last))) + twist * h
+            spin = (
+                np.maximum(*(np.linalg.norm(self._path.at(s).spins, axis=1) for s in (first, last)))
+                + angular_acceleration * h
+            )
             change += turning * (turning + spin)
         turned = (ends[1] + h / 2 * rates).max(axis=0) + change * h**2 / 8
         return apart, np.minimum(np.pi, turned)

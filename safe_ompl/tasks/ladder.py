@@ -1,9 +1,9 @@
-"""Ladder graphs: which branches of the inverse kinematics a tool path runs through, chosen all at once.
+"""Ladder graphs: the branches of the inverse kinematics for a whole tool path, chosen by dynamic programming.
 
-Rungs are poses of the curve. Strands are solutions of the inverse kinematics that are followed from rung to rung, each
-by Newton's method from the one before; where the task leaves joints free, they drift away from danger. A strand
-ends at a limit, in a collision, or where the arm would jump. Dynamic programming chooses the cheapest way along
-strands and, where two are near each other, across.
+Rungs are poses of the curve. A strand is a sequence of solutions of the inverse kinematics, one at each rung: Newton's
+method begins at the solution of the rung before. Where the task leaves joints free, a null-space motion reduces the
+danger. A strand ends at a joint limit, in a collision, or where the arm would jump. The cheapest path runs along
+strands, and changes from one strand to another where two are near each other.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ _DESCENT = 0.2  # [rad or m]
 _DRIFT = 0.1  # [rad or m]
 # The number of null-space motions away from danger before a strand is followed.
 _DESCENTS = 8
-_CLEAR = 0.05  # [m] clearances below count
+# Clearances below this one have a cost.
+_CLEAR = 0.05  # [m]
 # The cost of a whole curve without clearance, and of a curve in danger of its typical size.
 _CLEARANCE = 20.0
 _DANGER = 30.0
@@ -42,19 +43,19 @@ _DANGER = 30.0
 
 @dataclass
 class Ends:
-    """Why strands ended: the parameter [m] that was reached, and in words what was in the way."""
+    """Why strands ended: the largest parameter [m] that was reached, and the reason in words."""
 
     reached: float = 0.0
     why: str = "no configuration has its tip there"
 
     def note(self, s: float, why: str) -> None:
-        """Keep what was in the way of who came farthest."""
+        """Keep the reason of the strand that came farthest."""
         if s >= self.reached:
             self.reached, self.why = s, why
 
 
-class Way(NamedTuple):
-    """How many rungs a way along the ladder reaches; if all, its nodes (R, n) and the strand of each (R,)."""
+class LadderPath(NamedTuple):
+    """How many rungs a path along the ladder reaches; if all, its nodes (R, n) and the strand of each (R,)."""
 
     reached: int
     nodes: FloatArray | None = None
@@ -62,7 +63,7 @@ class Way(NamedTuple):
 
 
 class Costs:
-    """Costs of nodes by the length of the curve [rad per curve]: danger in its typical size, clearance below 50 mm."""
+    """Costs of nodes [rad per curve]: danger divided by its median at the first nodes, and clearance below 50 mm."""
 
     def __init__(self, checker: CollisionChecker, field: DangerField | None) -> None:
         self._checker, self.field = checker, field
@@ -76,7 +77,7 @@ class Costs:
         costs = np.zeros(len(Q))
         if self.field is not None and len(Q):
             dangers = self.field.values(Q)
-            # The scale is the danger's typical size at the first nodes.
+            # The scale is the median of the danger at the first nodes.
             if self._scale is None:
                 self._scale = float(np.median(dangers)) or 1.0
             costs += self.weight * dangers
@@ -90,7 +91,7 @@ class Costs:
 
     @property
     def weight(self) -> float:
-        """What a unit of danger costs along the whole curve."""
+        """The cost of a unit of danger along the whole curve."""
         return _DANGER / (self._scale or 1.0)
 
     def downhill(self, Q: FloatArray) -> FloatArray:
@@ -130,12 +131,12 @@ class Ladder:
         self.ends = Ends()
 
     def begin(self, start: FloatArray) -> None:
-        """Add the strand from a start (n,): all others must come from it."""
+        """Add the strand from a start (n,), where every path must begin."""
         self._start = start
         self._follow(start[None], 0)
 
     def grow(self, rng: np.random.Generator, rung: int, seeds: int) -> None:
-        """Add strands through a rung, from solutions that are found there from random configurations."""
+        """Add strands through a rung; its solutions are found from random configurations."""
         robot = self._tip.robot
         given = rng.uniform(robot.lower, robot.upper, (seeds, robot.n))
         found, arrived = self._tip.solved(given, self._at(rung, seeds), PRECISION, _SEARCH)
@@ -147,8 +148,8 @@ class Ladder:
             self.ends.note(self.s[max(0, rung - 1)], why)
         self._follow(self._distinct(self._descended(self._distinct(found[arrived], rung), rung), rung), rung)
 
-    def cheapest(self) -> Way:
-        """Return the cheapest way along the rungs, as far as there is one."""
+    def cheapest(self) -> LadderPath:
+        """Return the cheapest path along the rungs, as far as there is one."""
         nodes = self._nodes
         rungs, strands, _ = nodes.shape
         weights, shares = self._weights, np.diff(self.s) / (self.s[-1] - self.s[0])
@@ -157,7 +158,7 @@ class Ladder:
             there[0] &= np.abs(nodes[0] - self._start).max(axis=1) < _START_TOLERANCE
         best, before = np.where(there[0], 0.0, np.inf), np.zeros((rungs, strands), dtype=np.intp)
         if not there[0].any():
-            return Way(0)
+            return LadderPath(0)
         for k in range(1, rungs):
             old, new = np.flatnonzero(np.isfinite(best)), np.flatnonzero(there[k])
             steps = self._tip.robot.difference(nodes[k - 1, old][:, None], nodes[k, new])
@@ -170,22 +171,22 @@ class Ladder:
             if len(new):
                 best[new], before[k, new] = costs.min(axis=0), old[costs.argmin(axis=0)]
             if not np.isfinite(best).any():
-                return Way(k)
-        way = np.empty(rungs, dtype=np.intp)
-        way[-1] = best.argmin()
+                return LadderPath(k)
+        chosen = np.empty(rungs, dtype=np.intp)
+        chosen[-1] = best.argmin()
         for k in range(rungs - 1, 0, -1):
-            way[k - 1] = before[k, way[k]]
-        return Way(rungs, nodes[np.arange(rungs), way], way)
+            chosen[k - 1] = before[k, chosen[k]]
+        return LadderPath(rungs, nodes[np.arange(rungs), chosen], chosen)
 
     def remove(self, rung: int, strand: int) -> None:
-        """Take a node away, as proofs refuse it."""
+        """Remove a node at which no path could be proven."""
         self._weights[rung, strand] = np.inf
 
     def _at(self, rung: int, count: int) -> Frames:
         return Frames(*(np.repeat(part[rung : rung + 1], count, axis=0) for part in self.frames))
 
     def _distinct(self, Q: FloatArray, rung: int) -> FloatArray:
-        """Return the configurations that differ from each other and from strands at this rung, and are free."""
+        """Return the free configurations that differ from each other and from the strands at this rung."""
         known = [node for node in self._nodes[rung] if np.isfinite(node[0])]
         kept: list[FloatArray] = []
         for q in Q:
@@ -197,7 +198,7 @@ class Ladder:
         return np.array(kept).reshape(-1, Q.shape[1])
 
     def _descended(self, Q: FloatArray, rung: int) -> FloatArray:
-        """Return configurations (B, n) at a rung moved in the null space of the task, each to less danger if it can."""
+        """Return configurations (B, n) at a rung, each moved in the null space to less danger if possible."""
         if self._costs.field is None:
             return Q
         frames, costs = self._at(rung, len(Q)), self._costs.of(Q)
@@ -232,7 +233,7 @@ class Ladder:
         self._weights = np.concatenate([self._weights, weights], axis=1)
 
     def _step(self, Q: FloatArray, last: int, rung: int) -> tuple[FloatArray, BoolArray]:
-        """Return configurations (B, n) at the next rung, and which are (B,)."""
+        """Return configurations (B, n) at the next rung, and which of them (B,) are free and near to those before."""
         frames = self._at(rung, len(Q))
         _, jacobians = self._tip.task(self._tip.at(Q), self._at(last, len(Q)))
         drift = self._tip.null_motion(jacobians, _DRIFT * self._costs.downhill(Q))
@@ -251,7 +252,7 @@ class Ladder:
         return found, kept
 
     def _obstacle_of(self, q: FloatArray, rung: int, arrived: bool) -> str:
-        """Say what keeps a strand, now at `q: (n,)`, from its next rung: a jump, joints at limits, or a singularity."""
+        """Return in words why a strand ends at `q: (n,)` before a rung: a jump, joints at limits, or a singularity."""
         if arrived:
             return "the arm would jump to another branch of its inverse kinematics"
         robot, (low, high) = self._tip.robot, self._tip.limits

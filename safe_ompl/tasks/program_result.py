@@ -1,4 +1,4 @@
-"""What came of planning a program: stretches of one motion, each with its robot, its scene and its proof."""
+"""Result of planning a program: stretches of one motion, each with its robot, its scene and its proof."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from safe_ompl.scene import Scenario, Scene
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of a program that is driven without a change of robot or scene, and the proof of it.
+    """A motion of a program without a change of robot or scene, and its proof.
 
     Attributes
     ----------
     step : int
         Number of its step, from 0.
     begin : float
-        When it begins [s].
+        When it begins in the program [s].
     check : MotionCheck
         Its motion, from its own time 0 on, and what is proven of it: `check.proof.checker` has robot and scene.
     curve : Motion or None
-        Where all joints go, for who drives it in another time; None where it waits.
+        The path of all joints, for a controller that executes it with another time law; None where the robot waits.
     joints : tuple of str
-        Those that the step may move: of its arm, or all.
+        The joints that the step may move: those of its arm, or all.
     """
 
     step: int
@@ -40,12 +40,12 @@ class Stretch:
 
     @property
     def motion(self) -> Motion:
-        """Of all joints, from its own time 0 on."""
+        """The motion of all joints; its time begins at 0."""
         return self.check.motion
 
     @property
     def robot(self) -> Robot:
-        """The robot with what it holds."""
+        """The robot with its attached objects."""
         return self.check.proof.checker.robot
 
     @property
@@ -56,18 +56,18 @@ class Stretch:
 
 @dataclass(frozen=True)
 class ProgramResult:
-    """What came of planning a program; true if all of it is planned and proven.
+    """Result of planning a program; true if the whole program is planned and proven.
 
     Attributes
     ----------
     scenario : Scenario
-        What was asked.
+        The scenario that was planned.
     stretches : tuple of Stretch
-        One after the other; where it is not solved, those of the beginning that came farthest.
+        In order. If the program is not solved, those of the longest beginning that was planned.
     choices : tuple of str
-        What was chosen, such as "grasp 2 of cube".
+        Grasps and places that were chosen, such as "grasp 2 of cube".
     why : str
-        Empty, or which step cannot be done, and why.
+        Which step cannot be planned, and why; empty if the program is solved.
     planning_time : float
         [s].
 
@@ -89,7 +89,7 @@ class ProgramResult:
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]."""
+        """Duration of all stretches [s]."""
         return sum(stretch.motion.duration for stretch in self.stretches)
 
     @cached_property
@@ -110,7 +110,7 @@ class ProgramResult:
         return Motion(np.concatenate(times), np.concatenate(coefficients), names, rounding=np.concatenate(allowance))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what came of it as plain data: its motion, if there is one, steps, choices and stretches."""
+        """Return the result as plain data: its motion, if there is one, steps, choices and stretches."""
         steps = () if self.scenario.program is None else self.scenario.program.steps
         said = self.motion.to_mapping() if self.stretches else {}
         said |= {"scenario": self.scenario.name, "solved": bool(self), "why": self.why, "duration": self.duration}

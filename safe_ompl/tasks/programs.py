@@ -1,10 +1,10 @@
-"""Programs of many steps, planned as one motion: choices are resolved together, and all of it is proven.
+"""Programs of many steps, planned as one motion that is proven throughout.
 
-Steps are data (`scene/program.py`). The search is best-first: of all beginnings of the program that are planned so far
-the one goes on whose time is least, if a step that is done counts as two seconds less, and a choice after which steps
-failed counts more. What only may be chosen, a grasp, a place or a branch of the inverse kinematics, waits with a bound
-of its time until it is the best; then it is planned. So nothing is executed before all of it can be finished, and what
-is planned once is kept.
+Steps are data (`scene/program.py`). Grasps, places and branches of the inverse kinematics are chosen by a best-first
+search over beginnings of the program. The cost of a beginning is its duration; each planned step counts two seconds
+less, and each failure after the same choices counts one second more. A choice enters the search with a lower bound of
+its duration, and is planned only when it has the least cost. So the motion of the whole program is known before the
+first step is executed, and no step is planned twice.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from safe_ompl.tasks.corridor import Corridor
 from safe_ompl.tasks.program_result import ProgramResult, Stretch
 from safe_ompl.tasks.tool_motions import plan_tool
 from safe_ompl.tasks.tool_path import ToolPath
-from safe_ompl.tasks.workcell import CellState, Driven, ImpossibleError, Workcell, named
+from safe_ompl.tasks.workcell import CellState, ImpossibleError, ProvenMotion, Workcell, named
 
 PROGRAM_TIME = 20.0  # [s]
 # Each planned step makes a choice better by this time.
@@ -49,7 +49,8 @@ _STEP_DONE = 2.0  # [s]
 _FAILURE_PENALTY = 1.0  # [s]
 # A move may end in this many branches of the inverse kinematics.
 _BRANCHES = 6
-_MOST_STEP_TIME = 2.0  # [s] of one plan
+# One planner call takes at most this long.
+_MOST_STEP_TIME = 2.0  # [s]
 # A shorter motion is no motion.
 _NEGLIGIBLE_MOTION = 1e-6  # [rad or m]
 # The rate of the points of a move.
@@ -107,13 +108,13 @@ def _points(trajectory: Trajectory, robot: Robot) -> tuple[Motion, Motion]:
 
 @dataclass(frozen=True)
 class _Node:
-    """A beginning of the program that is planned, up to a step, and perhaps how that step might be done."""
+    """A beginning of the program that is planned, up to a step, and perhaps an action that plans that step."""
 
     step: int
     state: CellState
     stretches: tuple[Stretch, ...] = ()
     choices: tuple[str, ...] = ()
-    todo: Callable[[], tuple[CellState, tuple[Driven, ...]]] | None = None
+    action: Callable[[], tuple[CellState, tuple[ProvenMotion, ...]]] | None = None
     duration: float = 0.0
 
 
@@ -146,17 +147,18 @@ class _ProgramPlanner:
                 why = f"{why}; {time:g} s are over" if why else f"{time:g} s are over"
                 break
             before, _, cost, node = heapq.heappop(waiting)
-            if cost + _FAILURE_PENALTY * refused[node.choices] > before:  # some failed since
+            # If continuations of the same choices failed since, the node has a higher cost now.
+            if cost + _FAILURE_PENALTY * refused[node.choices] > before:
                 wait(cost, node)
                 continue
             try:
-                if node.todo is not None:
-                    node = self._done(node)
+                if node.action is not None:
+                    node = self._planned(node)
                     best = node if node.step > best.step else best
                     wait(node.duration - _STEP_DONE * node.step, node)
                     continue
-                for bound, choice, todo in self._ways(node):
-                    ahead = replace(node, todo=todo, choices=(*node.choices, *choice))
+                for bound, choice, action in self._alternatives(node):
+                    ahead = replace(node, action=action, choices=(*node.choices, *choice))
                     wait(node.duration + bound - _STEP_DONE * node.step, ahead)
             except (ImpossibleError, CollisionError, PlanningError) as error:
                 refused.update(node.choices[:k] for k in range(len(node.choices) + 1))
@@ -166,18 +168,18 @@ class _ProgramPlanner:
         why = "" if solved else why or f"step {best.step + 1}: nothing is left to try"
         return ProgramResult(self._scenario, best.stretches, best.choices, why, perf_counter() - begin)
 
-    def _done(self, node: _Node) -> _Node:
+    def _planned(self, node: _Node) -> _Node:
         """Return the node after its step was planned."""
-        assert node.todo is not None
-        state, driven = node.todo()
+        assert node.action is not None
+        state, proven = node.action()
         stretches, duration = list(node.stretches), node.duration
-        for each in driven:
+        for each in proven:
             stretches.append(Stretch(node.step, duration, *each))
             duration += each.check.motion.duration
         return _Node(node.step + 1, state, tuple(stretches), node.choices, None, duration)
 
-    def _ways(self, node: _Node) -> Iterator[tuple[float, list[str], Callable[[], Any]]]:
-        """Yield how the next step of a node might be done: a bound of its time [s], what is chosen, and the doing."""
+    def _alternatives(self, node: _Node) -> Iterator[tuple[float, list[str], Callable[[], Any]]]:
+        """Yield alternatives for the next step: a lower bound of its duration [s], the choices, and what plans it."""
         step, state = self._steps[node.step], node.state
         if isinstance(step, Move) and (step.configuration is not None or step.region is not None):
             yield 0.0, [], partial(self._move, step, state, None)
@@ -209,7 +211,7 @@ class _ProgramPlanner:
             yield 0.0, [], partial(planned[type(step)], step, state)
 
     def _targets(self, step: Move | Line, state: CellState) -> Iterator[tuple[Mapping[Any, int], pin.SE3, list[str]]]:
-        """Yield what may be chosen, where the tip is to be then, and the choice in words."""
+        """Yield the choices that a step has, the pose of the tip for each, and the choice in words."""
         ((kind, value),) = step.targets.items()
         up = pin.SE3(np.eye(3), np.array([0.0, 0.0, step.up]))
         back = pin.SE3(np.eye(3), np.array([0.0, 0.0, -step.back]))
@@ -263,7 +265,7 @@ class _ProgramPlanner:
             raise ImpossibleError(f"no path is found in {left:.2g} s")
         caps = {key: getattr(self._scenario.motion, key) for key in ("tool_speed", "link_speed")}
         timer = PathTimer(arm, self._cell.limits_of(arm), motion=setup.motion_prover, **caps)
-        return self._cell.driven(step, state, *_points(timer.time(result.path), arm))
+        return self._cell.proven(step, state, *_points(timer.time(result.path), arm))
 
     def _line(self, step: Line | Seam, state: CellState, targets: list[pin.SE3]) -> Any:
         during = self._cell.during(step, state)
@@ -280,7 +282,7 @@ class _ProgramPlanner:
             raise ImpossibleError(f"{100 * found.fraction:.0f} % of it can be followed; {found.why}")
         assert found.along is not None
         corners = tuple(np.searchsorted(found.along.times, path.corners - _NEGLIGIBLE_MOTION).tolist())
-        return self._cell.driven(step, state, found.motion, replace(found.along, timed=False, corners=corners))
+        return self._cell.proven(step, state, found.motion, replace(found.along, timed=False, corners=corners))
 
     def _gripper(self, step: Gripper, state: CellState) -> Any:
         robot = self._cell.holding(state)
@@ -290,11 +292,11 @@ class _ProgramPlanner:
         if np.abs(q - state.q).max() < _NEGLIGIBLE_MOTION:
             return state, ()
         trajectory = PathTimer(robot, self._cell.limits).time([state.q, q])
-        return self._cell.driven(step, state, *_points(trajectory, robot))
+        return self._cell.proven(step, state, *_points(trajectory, robot))
 
     def _wait(self, step: Wait, state: CellState) -> Any:
         still = np.array([[state.q, np.zeros_like(state.q)]])
-        return self._cell.driven(step, state, Motion(np.array([0.0, step.time]), still, self._cell.robot.joint_names))
+        return self._cell.proven(step, state, Motion(np.array([0.0, step.time]), still, self._cell.robot.joint_names))
 
     def _attach(self, step: Attach, state: CellState) -> Any:
         if step.object not in state.scene.names:

@@ -1,4 +1,4 @@
-"""Motions of the tool along a curve: found all at once, away from danger, and proven for every instant."""
+"""Motions of the tool along a curve, planned away from danger and proven at every instant."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 # The largest distance and rotation between rungs.
 _RUNG_DISTANCE, _RUNG_ROTATION = 0.03, 0.15  # [m], [rad]
-_FEWEST = 6  # rungs
+# The least number of rungs between two stops.
+_FEWEST = 6
 # The nodes are doubled at most this often until the corridor is proven.
 _DOUBLINGS = 5
 # The number of steps of the descent in the null space.
@@ -53,20 +54,20 @@ _EXTRA_SLOWDOWN = 1.001
 
 @dataclass(frozen=True)
 class ToolMotion:
-    """What came of planning a tool motion; true if there is one, and all of it is proven.
+    """Result of planning a tool motion; true if there is a motion, which is then proven throughout.
 
     Attributes
     ----------
     motion : Motion or None
-        In time, from rest to rest.
+        The motion in time, from rest to rest.
     path, corridor
-        What was asked.
+        The curve and the corridor that were given.
     along : Motion or None
-        The same by the parameter of the curve [m] instead of time: of the corridor's proof.
+        The same motion by the parameter of the curve [m] instead of time, which the corridor's proof is about.
     proof : CorridorProof or None
-        That the tip stays in the corridor.
+        The proof that the tip stays in the corridor.
     check : MotionCheck or None
-        That the robot is free, within its limits and constraints, on all of it.
+        The proof that the whole motion is free of collision and keeps limits and constraints.
     speed : float
         Speed of the tip between its ramps [m/s]; along a spline about that.
     danger_mean, danger_max : float
@@ -74,7 +75,7 @@ class ToolMotion:
     fraction : float
         Share of the curve that some configurations were found along; 1 if it is solved.
     why : str
-        Empty, or what is in the way.
+        The reason why there is no motion; empty if there is one.
     planning_time : float
         [s].
 
@@ -225,7 +226,7 @@ class ToolPlanner:
 
 
 class _LadderSearch:
-    """The search for one curve."""
+    """The search of a joint motion for one curve."""
 
     def __init__(self, path: ToolPath, prover: MotionProver, field: DangerField | None, corridor: Corridor) -> None:
         self.path, self._prover, self._field, self._corridor = path, prover, field, corridor
@@ -234,7 +235,7 @@ class _LadderSearch:
         self._costs = Costs(prover.checker, field)
 
     def run(self, start: FloatArray | None, rng: np.random.Generator, effort: int) -> ToolMotion:
-        """Grow the ladder, and prove the cheapest way along it, until one is proven or nothing new is found."""
+        """Add strands to the ladder, and prove the cheapest path, until a path is proven or no strand is added."""
         rungs = self._rungs()
         ladder = Ladder(self._tip, self._prover.checker, self._costs, rungs, self.path.at(rungs))
         if start is not None:
@@ -243,20 +244,20 @@ class _LadderSearch:
         refused: list[ToolMotion] = []
         tries = np.zeros(len(rungs), dtype=int)
         while len(refused) < _MOST_UNPROVEN * effort:
-            way = ladder.cheapest()
-            if way.nodes is None or way.strands is None:
-                gap = way.reached
+            path = ladder.cheapest()
+            if path.nodes is None or path.strands is None:
+                gap = path.reached
                 if tries[gap] == _SEED_TRIES or (gap == 0 and start is not None):
                     break
                 ladder.grow(rng, gap, effort * _SEEDS * 2 ** tries[gap])
                 tries[gap] += 1
                 continue
-            made = self._proven(way.nodes, rungs, start)
+            made = self._proven(path.nodes, rungs, start)
             if made.along is not None:
                 return made
             refused.append(made)
             at = int(np.abs(rungs - _where(made)).argmin())
-            ladder.remove(at, way.strands[at])
+            ladder.remove(at, path.strands[at])
         ends = ladder.ends
         share = 1.0 if refused else ends.reached / self.path.length
         where = f"at {1e3 * ends.reached:.0f} mm of {1e3 * self.path.length:.0f} mm {ends.why}"
@@ -282,7 +283,7 @@ class _LadderSearch:
             )
 
     def _proven(self, nodes: FloatArray, rungs: FloatArray, start: FloatArray | None) -> ToolMotion:
-        """Return the motion through the nodes, refined if that can be proven, or why none of both can."""
+        """Return the motion through the refined nodes, or else through the nodes; if neither is proven, why not."""
         nodes = self._robot.unrolled(nodes)
         refined = self._refined(nodes, rungs, fixed=start is not None)
         made = self._made(refined, rungs)
@@ -315,7 +316,7 @@ class _LadderSearch:
         )
 
     def _refined(self, nodes: FloatArray, s: FloatArray, *, fixed: bool) -> FloatArray:
-        """Return nodes moved in the null space of the task, towards less danger and a smoother way."""
+        """Return nodes that are moved in the null space of the task, to less danger and a smoother path."""
         frames, rungs = self.path.at(s), len(s)
         _, jacobians = self._tip.task(self._tip.at(nodes), frames)
         if self._robot.n <= np.linalg.matrix_rank(jacobians[rungs // 2], tol=1e-4):
@@ -334,12 +335,12 @@ class _LadderSearch:
 
         best, least, step = nodes, cost(nodes), 1.0
         for _ in range(_DESCENT_STEPS):
-            pull = -2 * smooth @ best
+            descent = -2 * smooth @ best
             if self._field is not None:
-                pull -= self._costs.weight * weights[:, None] * self._field.gradients(best)
+                descent -= self._costs.weight * weights[:, None] * self._field.gradients(best)
             if fixed:
-                pull[0] = 0.0
-            newton = np.asarray(np.linalg.solve(hessian, pull), dtype=np.float64)
+                descent[0] = 0.0
+            newton = np.asarray(np.linalg.solve(hessian, descent), dtype=np.float64)
             wanted = self._tip.null_motion(jacobians, newton)
             size = np.abs(wanted).max()
             if size < 1e-3:
@@ -375,7 +376,7 @@ class _LadderSearch:
 
 
 def _where(made: ToolMotion) -> float:
-    """Return where along the curve [m] a motion was refused."""
+    """Return the parameter of the curve [m] at which a motion could not be proven."""
     if made.check is not None:
         return made.check.violations[0].at
     return 0.0 if made.proof is None or made.proof.at is None else made.proof.at
@@ -389,16 +390,16 @@ def in_time(
     Between stops s goes at a steady speed, as far as the joints can, with smooth ramps s = v T (τ³ − τ⁴/2) at both
     ends: cubic pieces of s become polynomials of time of degree 12. If a limit were broken all of it is slower.
     """
-    rate, bend = (np.abs(along.derivative_coefficients(order)).sum(axis=1).max(axis=0) for order in (1, 2))
+    rate, curvature = (np.abs(along.derivative_coefficients(order)).sum(axis=1).max(axis=0) for order in (1, 2))
     with np.errstate(divide="ignore"):
-        fastest = min((limits.velocity / rate).min(), np.sqrt(_RAMP_SHARE * limits.acceleration / bend).min())
-        push = float((_RAMP_SHARE * limits.acceleration / rate).min())
+        fastest = min((limits.velocity / rate).min(), np.sqrt(_RAMP_SHARE * limits.acceleration / curvature).min())
+        acceleration = float((_RAMP_SHARE * limits.acceleration / rate).min())
     v = float(min(fastest * _MARGIN, np.inf if speed is None else speed))
     times, coefficients = [0.0], []
     stops = np.concatenate([[0.0], path.corners, [path.length]])
     for first, last in pairwise(stops):
-        own = min(v, np.sqrt(push * (last - first) / 1.5))
-        for span, piece in _composed(along, first, last, own, 1.5 * own / push):
+        own = min(v, np.sqrt(acceleration * (last - first) / 1.5))
+        for span, piece in _composed(along, first, last, own, 1.5 * own / acceleration):
             times.append(times[-1] + span)
             coefficients.append(piece)
     size = max(len(piece) for piece in coefficients)

@@ -25,14 +25,16 @@ _COLLINEAR = 1e-6
 
 @dataclass(frozen=True)
 class Arc:
-    """A line or an arc of a circle along which the tool turns about one axis, both evenly.
+    """A line or an arc of a circle, along which the tool moves and turns about one axis at constant rates.
 
     `centre` is None for a line; else `start` turns about it by `angle` about `normal`.
     """
 
     start: FloatArray
-    way: FloatArray  # (3,) of a line
-    rotation: FloatArray  # (3, 3) at the start
+    # From the start to the end of a line (3,) [m].
+    displacement: FloatArray
+    # Orientation of the tool at the start (3, 3).
+    rotation: FloatArray
     # The rotation vector from start to end, in world axes (3,).
     turn: FloatArray
     centre: FloatArray | None = None
@@ -42,14 +44,14 @@ class Arc:
     @property
     def length(self) -> float:
         """The path of the tip; where that is shorter, the angle of its turn at METRES_PER_RADIAN."""
-        along = np.linalg.norm(self.way)
+        along = np.linalg.norm(self.displacement)
         if self.centre is not None:
             along = self.angle * np.linalg.norm(self.start - self.centre)
         return float(max(along, METRES_PER_RADIAN * np.linalg.norm(self.turn)))
 
     @property
     def knots(self) -> FloatArray:
-        """Its ends."""
+        """The first and the last value of the parameter (2,) [m]."""
         return np.array([0.0, self.length])
 
     def at(self, s: FloatArray) -> Frames:
@@ -58,17 +60,17 @@ class Arc:
         rotations = rotated(share[:, None] * self.turn) @ self.rotation
         spins = np.broadcast_to(self.turn / self.length, (len(s), 3))
         if self.centre is None or self.normal is None:
-            velocities = np.broadcast_to(self.way / self.length, (len(s), 3))
-            return Frames(self.start + share[:, None] * self.way, rotations, velocities, spins)
+            velocities = np.broadcast_to(self.displacement / self.length, (len(s), 3))
+            return Frames(self.start + share[:, None] * self.displacement, rotations, velocities, spins)
         arms = rotated((share * self.angle)[:, None] * self.normal) @ (self.start - self.centre)
         return Frames(self.centre + arms, rotations, self.angle / self.length * np.cross(self.normal, arms), spins)
 
-    def bends(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def second_derivative_bounds(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the curvature of the circle, and zero."""
-        bend = 0.0
+        curvature = 0.0
         if self.centre is not None:
-            bend = (self.angle / self.length) ** 2 * float(np.linalg.norm(self.start - self.centre))
-        return np.full(len(first), bend), np.zeros(len(first))
+            curvature = (self.angle / self.length) ** 2 * float(np.linalg.norm(self.start - self.centre))
+        return np.full(len(first), curvature), np.zeros(len(first))
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,8 @@ class PoseSpline:
     With Q the spline of quaternions and r = ‖Q‖ the tool turns at ‖ω‖ ≤ 2‖Q′‖/r, ‖ω′‖ ≤ 2(‖Q″‖/r + 2(‖Q′‖/r)²).
     """
 
-    knots: FloatArray  # (K + 1,) from 0
+    # Parameters of the poses (K + 1,) [m], the first one 0.
+    knots: FloatArray
     # Coefficients of the powers of s minus the knot before (K, 4, 7).
     pieces: FloatArray
 
@@ -87,7 +90,7 @@ class PoseSpline:
         """Return the spline through two poses or more; parameters are the distances between them, added up."""
         turns = np.array([pin.Quaternion(pose.rotation).coeffs() for pose in poses])
         for k, (one, other) in enumerate(pairwise(poses)):
-            # Of the two quaternions of a pose the one that the shortest turn leads to.
+            # Each rotation has two quaternions. The one is taken that the shortest turn from the pose before leads to.
             turn = pin.Quaternion(pin.exp3_quat(turn_between(one.rotation, other.rotation)))
             turns[k + 1] *= np.sign(turns[k + 1] @ (turn * pin.Quaternion(turns[k])).coeffs())
         steps = [pose_distance(one, other) for one, other in pairwise(poses)]
@@ -97,7 +100,7 @@ class PoseSpline:
 
     @property
     def length(self) -> float:
-        """Where its parameter ends."""
+        """The last value of the parameter [m]."""
         return float(self.knots[-1])
 
     def _derivatives(self, s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -120,18 +123,20 @@ class PoseSpline:
         spins = 2 * (w[:, None] * vector - scalar * turn[:, :3] - np.cross(vector, turn[:, :3]))
         return Frames(value[:, :3], rotations, rate[:, :3], spins)
 
-    def bends(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def second_derivative_bounds(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return bounds from the second derivatives, which are linear between knots."""
         # If the interval begins or ends at a knot, this selects the piece inside the interval.
         inside = (last - first) * 1e-9
         ends = [self._derivatives(s) for s in (first + inside, last - inside)]
-        bend = np.maximum(*(np.linalg.norm(second[:, :3], axis=1) for _, _, second in ends))
-        curl = np.maximum(*(np.linalg.norm(second[:, 3:], axis=1) for _, _, second in ends))
-        rate = np.maximum(*(np.linalg.norm(first_[:, 3:], axis=1) for _, first_, _ in ends)) + curl * (last - first)
+        curvature = np.maximum(*(np.linalg.norm(second[:, :3], axis=1) for _, _, second in ends))
+        turn_curvature = np.maximum(*(np.linalg.norm(second[:, 3:], axis=1) for _, _, second in ends))
+        rate = np.maximum(*(np.linalg.norm(first_[:, 3:], axis=1) for _, first_, _ in ends)) + turn_curvature * (
+            last - first
+        )
         size = np.minimum(*(np.linalg.norm(value[:, 3:], axis=1) for value, _, _ in ends)) - rate * (last - first)
         with np.errstate(divide="ignore"):
-            twist = np.where(size > 0, 2 * (curl / size + 2 * (rate / size) ** 2), np.inf)
-        return bend * (1 + 1e-6), twist * (1 + 1e-6)
+            angular_acceleration = np.where(size > 0, 2 * (turn_curvature / size + 2 * (rate / size) ** 2), np.inf)
+        return curvature * (1 + 1e-6), angular_acceleration * (1 + 1e-6)
 
 
 Segment: TypeAlias = Arc | PoseSpline
@@ -167,7 +172,7 @@ class ToolPath:
 
     @property
     def length(self) -> float:
-        """Where s ends [m]."""
+        """The last value of s [m]."""
         return float(sum(segment.length for segment in self.segments))
 
     @property
@@ -184,7 +189,7 @@ class ToolPath:
 
     @property
     def corners(self) -> FloatArray:
-        """Where the direction of the tip jumps between segments (C,) [m]: it stops there."""
+        """Parameters (C,) [m] at which the direction of the tip jumps between segments, so that the tip stops."""
         pairs = zip(self.begins[1:-1], self.segments[:-1], self.segments[1:], strict=True)
         return np.array([at for at, one, other in pairs if _turns_sharply(one, other)])
 
@@ -201,18 +206,20 @@ class ToolPath:
                 whole[chosen] = part
         return out
 
-    def bends(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of ‖c″‖ [1/m] and ‖dω/ds‖ [rad/m²] on intervals (I,) that hold no knot within."""
-        begins, bend, twist = self.begins, np.empty(len(first)), np.empty(len(first))
+    def second_derivative_bounds(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return bounds of ‖c″‖ [1/m] and ‖dω/ds‖ [rad/m²] on intervals (I,) that have no knot inside."""
+        begins, curvature, angular_acceleration = self.begins, np.empty(len(first)), np.empty(len(first))
         which = np.clip(np.searchsorted(begins, (first + last) / 2) - 1, 0, len(self.segments) - 1)
         for k in np.unique(which):
             chosen = which == k
-            bend[chosen], twist[chosen] = self.segments[k].bends(first[chosen] - begins[k], last[chosen] - begins[k])
-        return bend, twist
+            curvature[chosen], angular_acceleration[chosen] = self.segments[k].second_derivative_bounds(
+                first[chosen] - begins[k], last[chosen] - begins[k]
+            )
+        return curvature, angular_acceleration
 
     @classmethod
     def line(cls, start: Any, end: Any) -> ToolPath:
-        """Return the straight line between two poses; the tool turns evenly the short way.
+        """Return the straight line between two poses; the tool turns at a constant rate, the short way round.
 
         Half a turn goes about the axis whose first component above 0.1 is positive, in the world frame.
         Poses are Pose, pin.SE3, matrices (4, 4), or what SciPy's RigidTransform gives by `as_matrix`.
@@ -323,13 +330,13 @@ def _circle(first: pin.SE3, via: FloatArray, last: pin.SE3) -> Arc:
 
 
 def _blended(lines: Sequence[Arc], cut: float) -> Iterator[Segment]:
-    """Yield lines whose corners are arcs of circles that begin `cut` [m] before them, at most half way."""
+    """Yield lines joined by arcs of circles that begin `cut` [m] before corners, or at the middle of short lines."""
     begin = 0.0
     for k, line in enumerate(lines):
         # The length that an arc takes from this line and from the next one [m].
         corner = 0.0  # [m]
         if k + 1 < len(lines):
-            back, ahead = line.way / line.length, lines[k + 1].way / lines[k + 1].length
+            back, ahead = line.displacement / line.length, lines[k + 1].displacement / lines[k + 1].length
             if np.linalg.norm(np.cross(back, ahead)) > _COLLINEAR:
                 corner = min(cut, 0.5 * line.length, 0.5 * lines[k + 1].length)
         end = line.length - corner

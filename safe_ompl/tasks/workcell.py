@@ -1,4 +1,4 @@
-"""The cell in which a program works: its robot with what it holds, one arm of it alone, proofs of its motions."""
+"""The workcell of a program: its robot with attached objects, single arms of it, and proofs of its motions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SLOWDOWN, _MOST_SLOWDOWNS = 1.25, 12
 
 
 class ImpossibleError(Exception):
-    """A step cannot be done in this way; says why."""
+    """A step of a program cannot be planned with these choices; the message says why."""
 
 
 def named(robot: Robot, q: FloatArray) -> dict[str, float]:
@@ -30,8 +30,8 @@ def named(robot: Robot, q: FloatArray) -> dict[str, float]:
     return dict(zip(robot.joint_names, q.tolist(), strict=True))
 
 
-class Driven(NamedTuple):
-    """What is proven of a motion, its curve, and the joints that it may move."""
+class ProvenMotion(NamedTuple):
+    """A motion of all joints with its proof, its curve without time, and the joints that the step may move."""
 
     check: MotionCheck
     curve: Motion | None
@@ -39,7 +39,7 @@ class Driven(NamedTuple):
 
 
 class CellState(NamedTuple):
-    """Where everything is: all joints (n,), what is held, the obstacles, and which grasp and place were chosen."""
+    """All joint values (n,), attached objects, obstacles, and which grasps and places were chosen."""
 
     q: FloatArray
     held: tuple[Attachment, ...]
@@ -48,16 +48,16 @@ class CellState(NamedTuple):
 
 
 class Workcell:
-    """What the program of a scenario works with; InputError as `plan_program`.
+    """Robot, limits and first state of the program of a scenario; raises InputError as `plan_program`.
 
     Attributes
     ----------
     robot : Robot
-        That of the scenario, holding nothing, with the joints of its grippers among those that move.
+        The robot of the scenario without attached objects; joints of grippers move.
     limits : RateLimits
-        Of its joints.
+        Limits of its joints.
     begin : CellState
-        Where everything is at first.
+        The state before the first step.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -66,7 +66,10 @@ class Workcell:
         self._scenario, self._program = scenario, scenario.program
         tool = scenario.limits.tool
         if tool is not None and tool.axis is None:
-            raise InputError("missing: what points up at the start need not do so later", "limits.tool.axis")
+            raise InputError(
+                "missing, but needed: in a program the axis that points up at the start need not do so later",
+                "limits.tool.axis",
+            )
         self._arm = scenario.build_robot()
         start = scenario.start_configuration(self._arm)
         self.robot = self._with_grippers()
@@ -100,7 +103,7 @@ class Workcell:
         return Robot(replace(spec, robots=robots, attached=()))
 
     def _check_names(self) -> None:
-        """Raise InputError where a step names no link, object or arm."""
+        """Raise InputError if a step names a link, an object or an arm that does not exist."""
         held = {item.name for item in self._arm.spec.attached}
         shapes = {item.name: item.shape for item in (*self._scenario.scene, *self._arm.spec.attached)}
         things, arms = sorted(shapes), self.robot.spec.robots
@@ -113,7 +116,7 @@ class Workcell:
                         raise UnknownNameError("object", name, things, key)
                 for link, obstacle in getattr(step, "touching", ()):
                     own = {*self.robot.shared.body_links} - held
-                    # What is held may touch obstacles, and links may touch both.
+                    # Attached objects may touch obstacles; links may touch obstacles and attached objects.
                     pairs = (link, own | held), (obstacle, {*things} - (held if link in held else set()))
                     for name, known in pairs:
                         if name not in known:
@@ -127,14 +130,14 @@ class Workcell:
             held = held - {step.object} if isinstance(step, Detach) else held
 
     def holding(self, state: CellState) -> Robot:
-        """Return the robot with all of its joints and what it holds."""
+        """Return the robot with all of its joints and with the attached objects of a state."""
         robot = self.robot
         for item in state.held:
             robot = robot.holding(item)
         return robot
 
     def during(self, step: Step, state: CellState) -> CellState:
-        """Return the state with the contacts that a step allows, with obstacles and with what is held."""
+        """Return the state with the contacts that a step allows, of obstacles and of attached objects."""
         pairs, depth = getattr(step, "touching", ()), getattr(step, "depth", 0.0)
         held = []
         for item in state.held:
@@ -148,10 +151,10 @@ class Workcell:
         return state._replace(held=tuple(held), scene=scene)
 
     def taken(self, obstacle: Obstacle, arm: str | None, state: CellState) -> Attachment:
-        """Return an obstacle as the tip of an arm holds it from now on: the fingers of that hand may touch it.
+        """Return an obstacle as an object that is attached to the tip of an arm; fingers of that hand may touch it.
 
-        They may be as deep in it as steps of the program say that they may, or as steps without `depth` allow it. Of
-        what has nothing so deep, such as a mesh, they must stay free.
+        The fingers may be as deep in the object as the largest `depth` of the steps that allow this contact, or as the
+        default depth. They must stay free of an object that has no core so deep, such as a mesh.
         """
         moving, _ = self.arm_at(arm, state)
         pose = self.tip(arm, state).inverse() * obstacle.pose.se3
@@ -167,7 +170,7 @@ class Workcell:
         return replace(item, touch_links=fingers, touch_depth=depth) if fingers else item
 
     def arm_at(self, arm: str | None, state: CellState) -> tuple[Robot, FloatArray]:
-        """Return the robot with the joints of one arm alone, the others locked where they are, and where it is."""
+        """Return the robot with the joints of all but one arm locked, and the configuration of that arm."""
         robot = self.holding(state)
         prefix = (arm or robot.spec.tip or next(iter(robot.spec.robots))) if robot.spec.robots else None
         values = named(robot, state.q)
@@ -182,7 +185,7 @@ class Workcell:
         return moving, moving.difference(np.zeros(moving.n), q)
 
     def rows(self, names: Sequence[str]) -> list[int]:
-        """Return which of all joints those of some names are."""
+        """Return the indices of some joints among all joints."""
         return [self.robot.joint_names.index(name) for name in names]
 
     def limits_of(self, arm: Robot) -> RateLimits:
@@ -193,11 +196,12 @@ class Workcell:
         return RateLimits(arm.joint_names, *most)
 
     def tip(self, arm: str | None, state: CellState) -> pin.SE3:
+        """Return the pose of the tip of an arm in the world."""
         moving, q = self.arm_at(arm, state)
         return moving.tip_pose(q)
 
     def link(self, link: str, state: CellState) -> pin.SE3:
-        """Return where a link or frame is."""
+        """Return the pose of a link or frame in the world."""
         robot = self.holding(state)
         model, data = robot.shared.model, robot.shared.model.createData()
         pin.framesForwardKinematics(model, data, robot.pinocchio_configuration(state.q))
@@ -219,10 +223,10 @@ class Workcell:
             needs = f"if they may touch on this step, give it `touching: [[{pair[0]}, {pair[1]}]]`"
             raise ImpossibleError(f"{pair[0]!r} touches {pair[1]!r} where it begins: {needs}") from None
 
-    def driven(
+    def proven(
         self, step: Step, state: CellState, moving: Motion, curve: Motion | None = None
-    ) -> tuple[CellState, tuple[Driven, ...]]:
-        """Return the state after a step that moves some joints, the proof for all of them, and the curve of all."""
+    ) -> tuple[CellState, tuple[ProvenMotion, ...]]:
+        """Return the state after a step that moves some joints, and the motion of all joints with its proof."""
         during, people = self.during(step, state), self._scenario.people
         robot = self.holding(during)
         rows = self.rows(moving.joint_names or ())
@@ -237,4 +241,4 @@ class Workcell:
             raise ImpossibleError(str(check.violations[0]))
         if curve is not None:
             curve = curve.among(robot, state.q, rows)
-        return state._replace(q=motion.knots[-1]), (Driven(check, curve, tuple(moving.joint_names or ())),)
+        return state._replace(q=motion.knots[-1]), (ProvenMotion(check, curve, tuple(moving.joint_names or ())),)

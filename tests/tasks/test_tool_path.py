@@ -46,13 +46,17 @@ def test_velocities_and_spins_are_derivatives(path):
 
 def test_bounds_hold(path):
     first, last = intervals(path, 60)
-    bend, twist = path.bends(first, last)
+    curvature, angular_acceleration = path.second_derivative_bounds(first, last)
     for share in (0.01, 0.3, 0.7, 0.99):
         at, step = first + share * (last - first), 1e-3 * (last - first)
         before, after = path.at(at - step), path.at(at + step)
         span = (2 * step)[:, None]
-        assert (np.linalg.norm((after.velocities - before.velocities) / span, axis=1) <= bend * (1 + 1e-6) + 1e-6).all()
-        assert (np.linalg.norm((after.spins - before.spins) / span, axis=1) <= twist * (1 + 1e-6) + 1e-6).all()
+        assert (
+            np.linalg.norm((after.velocities - before.velocities) / span, axis=1) <= curvature * (1 + 1e-6) + 1e-6
+        ).all()
+        assert (
+            np.linalg.norm((after.spins - before.spins) / span, axis=1) <= angular_acceleration * (1 + 1e-6) + 1e-6
+        ).all()
 
 
 def test_paths_go_through_their_poses():

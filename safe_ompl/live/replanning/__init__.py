@@ -1,4 +1,4 @@
-"""Replanning beside people who move: what is driven is proven at every tick."""
+"""Replanning beside people who move: the motion of every tick is proven."""
 
 import lazy_loader
 

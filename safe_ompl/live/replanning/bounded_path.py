@@ -47,7 +47,7 @@ from safe_ompl.motions import (
 )
 from safe_ompl.robot import Robot
 
-# The largest cells of paths that are driven, and of estimates.
+# The largest cells of paths that are executed, and of estimates.
 STEP = 0.02  # [rad]
 _ESTIMATE_CELL = 0.1  # [rad]
 # The reduced speed of ISO 10218.
@@ -74,7 +74,7 @@ _NO_CONTACT: FloatArray = np.zeros((0, 0, 0))
 _NOWHERE: FloatArray = np.zeros((0, 0))
 # Share of the jerk that q‴ṡ³ may take.
 BENDS = 0.3
-# Rounding does not touch averages over windows that are at least so long.
+# Averages over windows of at least this length are not affected by rounding.
 _LEAST_CELL_TIME = 1e-4  # [s]
 
 
@@ -388,7 +388,7 @@ class BoundedPath:
 
     @cached_property
     def fine(self) -> BoundedPath:
-        """The same path in cells that are not larger than those of paths that are driven."""
+        """The same path in cells that are not larger than the cells of paths that are executed."""
         short = np.diff(self.edges).max() <= STEP * (1 + 1e-9)
         return self if short else BoundedPath.along(self.bodies, self.curve, self.limits)
 
@@ -496,7 +496,7 @@ class BoundedPath:
         return MotionMargin(float(margin), self.bodies.links[body], sets.names[who], rule)
 
     def _borne(self, contact: ContactLimits, at: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest ṡ² (N, G, M) at which contact is borne, and that if nobody is clamped, in cells (W,)."""
+        """Return the largest ṡ² (N, G, M) at which limbs bear contact, with and without clamping, in cells (W,)."""
         if contact not in self.contacts:
             unknown = np.full((len(self.brakes), self.frames.travel.shape[1], len(contact.limbs)), np.nan)
             self.contacts[contact] = unknown, unknown.copy()
@@ -516,7 +516,7 @@ class BoundedPath:
         brake within a tick [s], T after the measurement; a cell that allows less than a fiftieth of the full speed is
         barred (inf). The times hold until somebody can be so near that a cell takes longer: 0 where that is so already.
         Where contact is allowed, the robot is no slower than it is borne where nobody is clamped. This estimate
-        compares paths; what is driven is proven by `margin`.
+        compares paths; motions that are executed are proven by `margin`.
         """
         times, left = self._cell_times(around, tick)
         barred = np.isinf(times)

@@ -1,14 +1,14 @@
-"""One tick of a robot beside people: what is driven is proven until the next tick, and so is its stop.
+"""One tick of a robot beside people: the motion until the next tick and the stop after it are proven.
 
-`CommandProver` is what a `Replanner` and a `Shield` share. At every tick
+`CommandProver` is the base class of `Replanner` and `Shield`. At every tick:
 
-1. `update` takes what was seen. From that follow the sets that people and objects do not leave (`Surroundings`).
-2. `command` tries motions along a `BoundedPath`, from full acceleration to full braking: each is for a tick and ends in
-   a stop. The fastest one is taken whose margin to the sets is not negative all along (`_next`). If there is none, the
-   robot follows what is left of the stop of the tick before (`_kept`): its proof still holds.
-3. A replanner uses the time that is left to `think`: it searches detours, and retreats from who is near.
+1. `update` takes the measurements. They give the sets that people and objects cannot leave (`Surroundings`).
+2. `command` tries motions along a `BoundedPath`, from full acceleration to full braking. Each motion lasts a tick and
+   ends in a stop. The fastest motion whose margin to the sets is never negative is taken (`_next`). If there is none,
+   the robot follows the rest of the stop of the tick before (`_kept`), whose proof still holds.
+3. A replanner uses the time that is left to search detours, and retreats from people who are near (`think`).
 
-What is ahead comes from a trajectory and from detours (`Replanner`), or from what somebody proposes (`Shield`).
+A `Replanner` gets its path from a trajectory and from detours, a `Shield` from proposals.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ _Given = TypeVar("_Given", bound="Command")
 
 # Path accelerations that are tried by bisection, as shares of the braking: from full braking to full acceleration.
 _ACCELERATIONS: tuple[float, ...] = tuple((np.arange(-15, 16) / 16).tolist())
-# Places that are nearer than this are one.
+# Arc lengths that differ by less than this are equal.
 _EQUAL_STATES = 1e-6  # [rad]
 
 
 class Action(str, Enum):
-    """What the robot does, in one word."""
+    """State of the robot during a command."""
 
     MOVING = "moving"
     SLOWED = "slowed"
@@ -62,7 +62,8 @@ class Command:
     time: float
     # The time of the measurement against which it is proven [s].
     measured: float
-    path: BoundedPath  # That it follows
+    # The path that the robot follows.
+    path: BoundedPath
     motion: StopLaw
     action: Action
     # The smallest margin along the motion; where that is the rest of an earlier stop, or the robot stands, of the
@@ -85,13 +86,13 @@ class Command:
         return State(q, first * speed, first * acceleration + second * speed * speed)
 
     def until_rest(self, time: float, step: float) -> tuple[FloatArray, list[State]]:
-        """Return times (K,) [s] from one on, a step apart, the last one when the robot stands, and what holds then."""
+        """Return times (K,) [s] from `time` to standstill, a step apart, and the states at these times."""
         steps = np.arange(time, self.standstill - 1e-6, step)
         states = [*(self.at(each) for each in steps.tolist()), self.at(np.inf)]
         return np.append(steps, max(time, self.standstill)), states
 
     def tick_at(self, time: float, step: float) -> dict[str, Any]:
-        """Return what a tick (`safe_ompl.io.ticks`) says of the robot at a time [s]; the rest is in steps [s]."""
+        """Return the robot's part of a tick (`safe_ompl.io.ticks`) at a time [s]; its stop is sampled in steps [s]."""
         times, states = self.until_rest(max(time, self.time), step)
         return {
             "time": time,
@@ -107,7 +108,7 @@ class Command:
 
 
 def stop_as_dict(times: FloatArray, states: Sequence[State]) -> dict[str, Any]:
-    """Return the rest of a command (K instants [s], and what holds then), as a tick has it."""
+    """Return the rest of a command, its K instants [s] and states, as plain data of a tick."""
     return {
         "times": times.tolist(),
         "q": [state.q.tolist() for state in states],
@@ -121,15 +122,15 @@ class ReplanningOptions(Section):
 
     # Time between two commands [s]
     tick: float = key(number, default=0.05, above=0.0, kind="number of seconds")
-    # A person or object that is not seen for so long is lost: the robot stops [s]
+    # The robot stops if a person or object is not seen for this long [s].
     lost_after: float = key(number, default=0.5, above=0.0)
-    # The robot is where it should be by so much later at the latest, and may still move then [s]
+    # The largest delay with which the robot follows a command [s].
     lag: float = key(number, default=0.0, at_least=0.0)
-    # Of joints, tool and links, for a `Shield`; default: those of the robot's joints. A `Replanner` keeps the limits
-    # of its trajectories.
+    # Limits of joints, tool and links for a `Shield`; default: limits of the robot's joints. A `Replanner` keeps the
+    # limits of its trajectories.
     limits: SpeedLimits | None = None
-    # Whether `Replanner.think` searches detours, and motions away from people who are near a robot that stands. A robot
-    # that retreats may be touched by who runs after it, as one that stands.
+    # Whether `Replanner.think` searches detours, and retreats from people who are near a robot that stands. People who
+    # follow a retreating robot may touch it, as they may touch a robot that stands.
     detours: bool = True
     retreats: bool = True
     # The joints that the motion may move, such as all but those of a gripper. None means all.
@@ -137,7 +138,7 @@ class ReplanningOptions(Section):
 
 
 class CommandProver:
-    """A robot, who is around it, and the commands that are proven against them.
+    """A robot, the people and objects around it, and commands that are proven against them.
 
     Parameters
     ----------
@@ -170,7 +171,8 @@ class CommandProver:
     ) -> None:
         self.robot, self.surroundings = robot, surroundings
         self.options = options = ReplanningOptions() if options is None else options
-        self.tick = float(options.tick)  # between two commands [s]
+        # The time between two commands [s].
+        self.tick = float(options.tick)
         people, still = surroundings.rules, surroundings.still
         self.prover = MotionProver(CollisionChecker(robot, still)) if prover is None else prover
         _check_prover(self.prover, robot, still)
@@ -182,15 +184,16 @@ class CommandProver:
             raise InputError("bounds positions: speeds of tool and links cannot be proven within it", "tube")
         # The distance that a robot anywhere in its tube must keep from people [m].
         self.clearance = people.clearance
-        # At what speeds contact is borne; None: it is not allowed.
+        # The speeds at which limbs bear contact; None if contact is not allowed.
         self.contact = contact_limits(robot, surroundings) if people.contact else None
         self.bodies = RobotBodies(robot, tube)
-        self._last: Command | None = None  # the newest command
+        # The newest command.
+        self._last: Command | None = None
         # The time for which a command was requested last.
         self._time = 0.0
         # The margin of the motion that was tried last.
         self._margin = MotionMargin(np.inf)
-        # With a limited jerk, the time law of the motion that goes on.
+        # With a limited jerk, the past of the time law, which the next motion continues.
         self._past: StopLaw | None = None
         self._violated = False
 
@@ -200,7 +203,7 @@ class CommandProver:
     def update(
         self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
     ) -> list[ReachViolation]:
-        """Take what sensors saw at a time [s]; return who moved farther than promised, which makes the robot stop.
+        """Take measurements of a time [s]; return limbs and objects that moved too far, which makes the robot stop.
 
         `people` are key points (J, 3) of those that were seen, as their skeletons have them, NaN: not seen; `objects`
         are poses (Pose, pin.SE3 or 4×4), those of clouds their points (N, 3) in the world [m].
@@ -228,7 +231,7 @@ class CommandProver:
     # ----------------------------------------------------------------------------------------------------- proofs
 
     def _next(self, path: BoundedPath, s: float, speed: float, time: float) -> Command | None:
-        """Return the fastest motion from (s, ṡ) that is proven with its stop; None if none is."""
+        """Return the fastest motion from (s, ṡ) that is proven with its stop; None if there is none."""
         if speed == 0 and s >= path.length - _EQUAL_STATES:
             rest = path.motion_from(path.length, 0.0, -1.0, self.tick)
             return Command(time, self.surroundings.time, path, rest, Action.DONE, MotionMargin(np.inf))
@@ -241,7 +244,7 @@ class CommandProver:
         return self._slower(path, s, speed, time) if fastest is None else fastest
 
     def _slower(self, path: BoundedPath, s: float, speed: float, time: float) -> Command | None:
-        """Return the fastest one of those with less than full acceleration; None if none is proven."""
+        """Return the fastest proven motion with less than full acceleration; None if there is none."""
         shares = [share for share in (-1.0, *_ACCELERATIONS) if speed > 0 or share > 0]
         found, blamed, first, last = None, self._margin, 0, len(shares)
         # This is a bisection, because a motion that is slower than a proven one is proven in most cases.
@@ -257,7 +260,7 @@ class CommandProver:
     ) -> Command | None:
         """Return the motion from (s, ṡ) with s̈ = share · brakes and its stop if both are proven; else note the margin.
 
-        `why` it is not the fastest one is the margin of that, or what is wrong with who is around.
+        `why` says why it is not the fastest one: the margin of the faster motion, or what is wrong with measurements.
         """
         around = self._around(time)
         motion = path.motion_from(s, speed * speed, share, self.tick, self._past)
@@ -272,12 +275,12 @@ class CommandProver:
         return Command(time, self.surroundings.time, path, motion, action, margin, reason, rule)
 
     def _around(self, time: float) -> Around:
-        """Return who is around when the robot begins a motion of a time [s], which is later than that by the lag."""
+        """Return the surroundings for a motion that the robot begins at a time [s] plus the lag."""
         known = self.surroundings
         return Around(known.sets, time - known.time + self.options.lag, self.clearance, self.contact)
 
     def _kept(self, path: BoundedPath, s: float, speed: float, time: float) -> Command:
-        """Return what is left of the stop that was proven before, or rest."""
+        """Return the rest of the stop that was proven before; a robot that stands rests."""
         last = self._last
         trouble = self.surroundings.trouble(time, self.options.lost_after)
         why = self._margin, trouble or self._margin.description, "" if trouble else self._margin.rule
@@ -295,7 +298,7 @@ class CommandProver:
         return ticks_header(self.tick, self.robot, around.scene, around.description())
 
     def log_tick(self) -> dict[str, Any]:
-        """Return the newest command and where all were seen last, as a tick of a log; distances are not measured."""
+        """Return the newest command and the newest measurements as a tick of a log; distances are not measured."""
         if self._last is None:
             raise InputError("there was no command yet")
         unknown = dict.fromkeys(("distance", "link", "who", "limb"))
@@ -315,7 +318,7 @@ class CommandProver:
 
 
 def contact_limits(robot: Robot, surroundings: Surroundings) -> ContactLimits:
-    """Return at what speeds contact is borne, for limbs and objects in the order of their reach sets."""
+    """Return the speeds at which limbs and objects bear contact, in the order of their reach sets."""
     bodies = {name: track.tracker.body for name, track in surroundings.people.items()}
     limbs = [(name, limb) for name, body in bodies.items() for limb in body.limbs]
     solids = [name for name in surroundings.shapes if name not in surroundings.clouds]

@@ -24,7 +24,8 @@ _log = logging.getLogger(__name__)
 _MILESTONES = 150
 # The distances of samples from the curve, in turn.
 _SPREAD = (0.3, 0.6, 1.2)  # [rad]
-_NEIGHBOURS = 8  # of a milestone
+# The number of neighbours of a milestone.
+_NEIGHBOURS = 8
 # The length of the cells of edges. Estimates may be coarse.
 _CELL_LENGTH = 0.1  # [rad]
 # The cells of this many edges are kept.
@@ -39,8 +40,8 @@ _PROOF, _ESTIMATE, _SHORTCUT = 8, 1, 12
 _GAIN, _WORTH = 0.75, 0.3
 # A detour is searched if the rest takes this many times as long as with nobody near.
 _SLOWDOWN = 1.2
-# Detours are not wanted that take longer [s], and so many times as long as the rest alone.
-_MOST_DETOUR_TIME, _MOST_TIME_RATIO = 30.0, 10.0
+# Detours are not taken if they take longer than both: this time, and this many times the time of the rest alone.
+_MOST_DETOUR_TIME, _MOST_TIME_RATIO = 30.0, 10.0  # [s], 1
 _SMALL = 1e-6  # [rad]
 # The tolerance of blends is large, because the way points of a roadmap need not be met.
 _BLEND_TOLERANCE = 0.3  # [rad]
@@ -48,7 +49,7 @@ _BLEND_TOLERANCE = 0.3  # [rad]
 
 @dataclass
 class _Edge:
-    """What is known of a straight motion between two milestones."""
+    """Results for the straight motion between two milestones."""
 
     # Whether the edge is free of still obstacles, which is proven once.
     free: bool | None = None
@@ -61,12 +62,12 @@ class _Edge:
 
 
 class Detours:
-    """Searches paths that are quicker beside people as they are now, and keep the limits.
+    """Searches paths that are quicker beside people where they are now, and keep the limits.
 
-    Milestones are drawn around the trajectories that `cover` is given. An edge between two is proven free of still
-    obstacles when it is first needed. An estimate of how long it takes beside people holds until anyone can be near
-    enough to slow it down, at the earliest: for T = (distance − what a full-speed stop needs)/v. Paths keep `limits`;
-    `left` units of work may be done now. Joints that are not `movable: (n,)` stay as on the trajectories.
+    Milestones are drawn around the trajectories that are given to `cover`. An edge between two milestones is proven
+    free of still obstacles when it is first needed. Its estimated time beside people is kept until somebody can be near
+    enough to slow the robot down: for T = (distance − length of a stop from full speed)/v. Paths keep `limits`. `left`
+    units of work may be done now. Joints that are not `movable: (n,)` stay as on the trajectories.
     """
 
     def __init__(
@@ -101,8 +102,8 @@ class Detours:
         on_it = curve.places(np.linspace(0.0, curve.length, 2 + int(curve.length / max(_SPREAD)))).q
         samples = [q for q in on_it if self._known(q) is None]
         for k in range(_MILESTONES):
-            way = curve.places(self._rng.uniform(0.0, curve.length, 1)).q[0]
-            q = way + self._rng.uniform(-1.0, 1.0, self._robot.n) * _SPREAD[k % len(_SPREAD)] * self._movable
+            on_curve = curve.places(self._rng.uniform(0.0, curve.length, 1)).q[0]
+            q = on_curve + self._rng.uniform(-1.0, 1.0, self._robot.n) * _SPREAD[k % len(_SPREAD)] * self._movable
             q = np.clip(q, self._robot.lower, self._robot.upper)
             if not self._prover.checker.touches(q):
                 samples.append(q)
@@ -120,7 +121,7 @@ class Detours:
         return np.asarray(self._robot.tip_pose(q).translation)
 
     def _join(self, k: int, q: FloatArray, count: int) -> None:
-        """Join milestone k at `q: (n,)` to those to which straight motions of the joints are shortest, but itself."""
+        """Join milestone k at `q: (n,)` to the other milestones with the shortest straight motions of the joints."""
         order: list[int] = np.argsort(self._joint_times(q), kind="stable").tolist()
         for other in order[1 : count + 1]:
             for one, two in ((k, other), (other, k)):
@@ -132,20 +133,20 @@ class Detours:
         return int(same[0]) if len(same) else None
 
     def _joint_times(self, q: FloatArray) -> FloatArray:
-        """Return how long (N,) the joints take for the straight motions to all milestones at full speed [s]."""
+        """Return the times (N,) of straight motions to all milestones at full speed of the joints [s]."""
         moves = np.abs(self._robot.difference(self.milestones, q))
         return np.asarray((moves / self.limits.joints.velocity).max(axis=1, initial=0.0))
 
     def _full_times(self, q: FloatArray) -> FloatArray:
-        """Return how long (N,) motions to all milestones take with nobody near, at least [s]."""
-        ways = np.linalg.norm(self._tips - self._tip(q), axis=1)
+        """Return lower bounds (N,) of the times of motions to all milestones with nobody near [s]."""
+        distances = np.linalg.norm(self._tips - self._tip(q), axis=1)
         cap = min(self.limits.tool_speed or np.inf, self.limits.link_speed or np.inf)
-        return np.asarray(np.maximum(self._joint_times(q), ways / cap))
+        return np.asarray(np.maximum(self._joint_times(q), distances / cap))
 
     # ------------------------------------------------------------------------------------------------------ edges
 
     def _spend(self, units: int) -> bool:
-        """Take some units, or return False if there are not so many left."""
+        """Spend units of work; return False if fewer are left."""
         if self.left < units:
             return False
         self.left -= units
@@ -155,7 +156,7 @@ class Detours:
         return self._edges[min(a, b), max(a, b)]
 
     def _time(self, a: int, b: int, around: Around, now: float) -> float | None:
-        """Return what an edge costs [s], inf where it is not free; None if there are too few units to find out."""
+        """Return the time of an edge [s], infinite if it is not free; None if too few units are left to find out."""
         edge, start, end = self._edge(a, b), self.milestones[min(a, b)], self.milestones[max(a, b)]
         if edge.free is None:
             if not self._spend(_PROOF):
@@ -182,11 +183,11 @@ class Detours:
     def quickest(
         self, start: FloatArray, goal: FloatArray, around: Around, now: float, within: float
     ) -> tuple[list[FloatArray], float] | None:
-        """Return the quickest path (n,) to (n,) beside people as they are now, and what it costs [s].
+        """Return the quickest path (n,) to (n,) beside people where they are now, and its time [s].
 
         A lazy A*: edges count with their time at full speed until they lie on the best path; then they are proven, and
-        their cost is estimated. Paths that cost more than `within` [s] are not wanted. What was learnt with the units
-        that are left is kept for the next call.
+        their cost is estimated. Paths that cost more than `within` [s] are not searched. Results are kept for the next
+        call.
         """
         first, last = self._end("start", start), self._end("goal", goal)
         ahead = self._full_times(goal)
@@ -204,7 +205,7 @@ class Detours:
                 return [self.milestones[k] for k in path], cost
 
     def _end(self, which: str, q: FloatArray) -> int:
-        """Return the milestone at q; if there is none, the one for a start or a goal is moved there."""
+        """Return the milestone at q; if there is none, the milestone for starts or for goals is moved to q."""
         known = self._known(q)
         if known is not None:
             return known
@@ -234,7 +235,7 @@ class Detours:
         return max(edge.full, edge.time)
 
     def _best(self, first: int, last: int, now: float, ahead: FloatArray, within: float) -> list[int] | None:
-        """Return the best path by what is known, or None if it takes longer than wanted."""
+        """Return the best path by the present estimates, or None if it takes longer than `within` [s]."""
         best = {first: 0.0}
         before: dict[int, int] = {}
         queue = [(float(ahead[first]), first)]
@@ -263,9 +264,9 @@ class Detours:
 
         The goal is the end of that path, or one of the `others`, each (n,).
 
-        It begins with the rest of the command's path up to there, so that the robot can change over at any time before
-        that. The arc length of the command's path at which it begins is returned as well. At most so many units of work
-        are done; the next call goes on where this one ended.
+        The path begins with the rest of the command's path up to there, so that the robot can change to it at any time
+        before. The arc length of the command's path at which it begins is returned as well. At most `units` units of
+        work are done; the next call continues where this one ended.
         """
         path, self.left = command.path, units
         rest = float(command.motion.places[-1])
@@ -292,19 +293,20 @@ class Detours:
             return None
         points = self._shortened(found[0], around)
         curve = blended(np.array(points), self._robot, _BLEND_TOLERANCE, self._prover, self.limits.joints)
-        way = BoundedPath.along(self._bodies, curve, self.limits)
-        costs = float(way.coarse.pace(around, self._tick)[0].sum())
+        detour = BoundedPath.along(self._bodies, curve, self.limits)
+        costs = float(detour.coarse.pace(around, self._tick)[0].sum())
         if costs > min(_GAIN * stay, stay - _WORTH):
             return None
-        _log.info("%.3f s: a detour of %.2f rad costs %.1f s instead of %.1f s", now, way.length, costs, stay)
+        _log.info("%.3f s: a detour of %.2f rad costs %.1f s instead of %.1f s", now, detour.length, costs, stay)
         first = command.motion.at(now - command.time)[0]
-        if rest - first <= _SMALL:  # it stands
-            return way, rest
+        # The robot stands.
+        if rest - first <= _SMALL:
+            return detour, rest
         begin = float(path.curve.times[path.curve.piece_at(np.array([first]))[0]])
-        return path.from_to(first, rest).then(way), begin
+        return path.from_to(first, rest).then(detour), begin
 
     def _shortened(self, points: list[FloatArray], around: Around) -> list[FloatArray]:
-        """Return the path without the points that a free and no slower straight motion can leave out."""
+        """Return the path without points that a straight motion, which is free and no slower, can leave out."""
 
         def cost(*through: FloatArray) -> float:
             every = (self._between(a, b).pace(around, self._tick)[0] for a, b in pairwise(through))

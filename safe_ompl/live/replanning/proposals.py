@@ -15,23 +15,23 @@ from safe_ompl.robot import Robot
 
 # Stops at full speed may use at least this share of the accelerations, and velocities are approached with this share.
 _ACCELERATION_SHARE = 0.5
-# Positions are a jump if a joint needs more than so many times its velocity limit from one to the next.
+# Two positions are a jump if a joint needs more than this many times its velocity limit between them.
 _JUMP = 2.0
 # Positions that are taken of a spline are no farther apart; of positions that are denser than this some are left out.
 _BETWEEN = 0.05  # [s]
 _DENSE = 0.01  # [s]
-# Positions so long after the window shape the spline in the window.
+# Positions up to this long after the window shape the spline in the window.
 _AFTER = 0.5  # [s]
 # With less than this left a proposal is over.
 _OVER = 1e-3  # [s]
-# A change of velocity takes at least so long.
+# A change of velocity takes at least this long.
 _LEAST_INTERVAL = 1e-3  # [s]
 # Damping of the inverse of the Jacobian.
 _DAMPING = 0.05  # [m/rad]
 # So many of the next positions are left out where the robot cannot go through them in its direction.
 _LEFT_OUT = (0, 2)
 _AT_REST = 1e-9  # [rad/s]
-# Velocities are proposed at most so many times as fast as the limits of the joints, as chunks of positions are.
+# Proposed velocities may be at most this many times the limits of the joints, as for positions.
 _FASTEST = 2.0
 # Cosine of the largest angle between how a robot moves and the way to the next position at which a curve may begin
 # faster than the robot is. Such a curve leaves the straight way to that position by at most 4/27 of the sine times its
@@ -301,7 +301,7 @@ class Velocity:
             damped = jacobian @ jacobian.T + _DAMPING**2 * np.eye(6)
             target = jacobian.T @ np.linalg.solve(damped, target)
         # The curve of a velocity that no joint can have is long, and has cells without end. A slower one in the same
-        # direction leads the same way, and the robot drives neither faster than its limits.
+        # direction leads the same way, and the robot follows neither faster than its limits.
         fastest = float((np.abs(target) / self.limits.velocity).max())
         target = target * (_FASTEST / max(fastest, _FASTEST))
         limits, still = self.limits, np.zeros_like(target)

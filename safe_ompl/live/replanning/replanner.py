@@ -1,22 +1,23 @@
-"""A robot that follows trajectories beside people: detours where the way is barred, and retreats from who is near.
+"""A robot that follows trajectories beside people, with detours around people and retreats from people.
 
-A retreat brings the robot no nearer to anyone who is too near for any other motion. Let a limb be in a set when it is
-measured, and u the unit vector along which a body of the robot, where a motion begins, is farthest from it. If the set
-is behind the plane across u through the foremost point of the body, and no point of the body gets behind that plane,
-the body *recedes*: it comes no nearer to the plane's other side, where the limb was, and the limb can be at the body no
-sooner than at the plane. That is the bound for a body that stands, too.
+A retreat is a motion that does not reduce the distance to people who are too near for any other motion. A limb is in a
+set when it is measured. Let u be the unit vector along which a body of the robot is farthest from the set where the
+motion begins, and let the plane P be perpendicular to u and touch the body on the side of the set. The body *recedes*
+from the limb if the set is on the other side of P and no point of the body crosses P. Then the limb needs at least as
+long to reach the body as to reach P, which is also the bound for a body that stands.
 
-A vertex of the body that is start ≥ 0 ahead of the foremost one, and end ≥ 0 after the motion, is in between never
-behind its chord by more than A x(l − x)/2 at an arc length x of l, with |a″| ≤ A. That is at least 0 all along if
-√start + √end ≥ √(A l²/2). The convex body recedes if all its vertices do. A body that only turns about the axis of the
-first joint never leaves the solid that it sweeps about that: along u, a vertex at a distance r from the axis comes no
-nearer than its place on the axis less r‖u⊥‖. It recedes from all who are behind a plane across u before that solid.
+Let a vertex of the body be at a distance a ≥ 0 from P at the beginning of the motion, and b ≥ 0 at its end. Let l be
+the arc length of the motion and A a bound of the second derivative of the distance. At an arc length x the vertex is
+below the chord from a to b by at most A x(l − x)/2. So it does not cross P if √a + √b ≥ √(A l²/2). A convex body
+recedes if all its vertices do. A body that only turns about the axis of the first joint stays in the solid that it
+sweeps about this axis: along u a vertex at a distance r from the axis is at least at the point of the axis less r‖u⊥‖.
+Such a body recedes from every set that a plane perpendicular to u separates from this solid.
 
-What does not recede must be kept from as ever. A body that must recede is no faster than
-`RETREAT_SPEED`. People who run after it may touch it, as they may touch one that stands.
+A body that does not recede must keep its margin as in any other motion. A body that must recede is no faster than
+`RETREAT_SPEED`. People who follow it may touch it, as they may touch a robot that stands.
 
-A program is driven in segments: one replanner for each stretch, which takes over where the one before rests. On a route
-places are visited in whichever order is soonest.
+A program is executed in segments, one replanner for each stretch; the next one begins where the robot rests. The places
+of a route are visited in the order in which they are reached soonest.
 """
 
 from __future__ import annotations
@@ -45,14 +46,16 @@ _CRAWL = 0.3  # [rad/s]
 _RETREAT_ADVANTAGE = 2.0
 # Configurations nearer than this are equal.
 _EQUAL_CONFIGURATIONS = 1e-6  # [rad]
-# Who may be at the robot so soon [s] is retreated from; if that fails only from the nearest.
-_SOON = (0.2, 0.12)
+# The robot retreats from limbs that can reach it within the first time; if that fails, within the second.
+_SOON = (0.2, 0.12)  # [s]
 # The lengths of the retreats that are tried.
 _LENGTHS = (0.6, 0.3, 0.15)  # [rad]
+# The step of finite differences.
 _NUDGE = 1e-4  # [rad]
 # The first joints, up to this many, may stay still, because links near the base cannot move away.
 _MOST_STILL_JOINTS = 3
-_DIRECTION_ITERATIONS = 40  # iterations
+# Iterations of the search for a direction away from all limbs.
+_DIRECTION_ITERATIONS = 40
 # Limbs that are farther away than this are not considered.
 _FAR_AWAY = 0.35  # [m]
 # A retreat must increase the distances by at least this.
@@ -60,17 +63,18 @@ _LEAST_DISTANCE_GAIN = 0.02  # [m/rad]
 
 
 class Replanner(CommandProver):
-    """Drives a robot along trajectories beside people and things that move.
+    """Makes a robot follow trajectories beside people and objects that move.
 
-    What is executed is always proven: the motion until the next tick and the stop on the path after it touch nobody
-    who keeps to the reach model; or, where contact is allowed, only at speeds of the robot's own that the limb bears
-    (`safe_ompl.motions.contact`). At every tick the robot takes the fastest motion that is proven so against the
-    newest measurement. If there is none, or only slow ones, it retreats from who is near: that brings no body nearer to
-    them, but who runs after it may touch it. Or it follows the stop of the tick before: its proof still holds, because
-    it covers all that people may do until the robot stands. It goes on as soon as a motion is proven again.
+    The motion until the next tick, and the stop on the path after it, are always proven: they touch nobody who keeps to
+    the reach model. Where contact is allowed, they touch a limb only at speeds that the limb bears
+    (`safe_ompl.motions.contact`). At every tick the robot takes the fastest motion that is proven against the newest
+    measurement. If there is no such motion, or only slow ones, the robot retreats from people who are near: no body of
+    the robot moves nearer to them, but people who follow the robot may touch it. Otherwise it follows the stop of the
+    tick before, whose proof covers all motions of people until the robot stands. It continues as soon as a motion is
+    proven again.
 
     Parameters are those of `CommandProver`. Trajectories and detours keep the limits of the prover. Where the
-    trajectory's limits have a jerk all that is driven keeps to it, stops and detours, too.
+    trajectory has a limit of the jerk, all motions keep it, stops and detours included.
 
     Examples
     --------
@@ -90,14 +94,14 @@ class Replanner(CommandProver):
     _path: BoundedPath | None = None
     # Other goals that may be reached instead.
     _others: tuple[FloatArray, ...] = ()
-    # The detour, and where on the present path it begins.
+    # The detour, and the arc length of the present path at which it begins.
     _detour: tuple[BoundedPath, float] | None = None
     # The retreat, which begins where the robot stands.
     _retreat: BoundedPath | None = None
     _retreats: Retreats | None = None
 
     def start(self, trajectory: Trajectory, others: Sequence[FloatArray] = ()) -> None:
-        """Take a trajectory to follow, from where the robot stands; detours may lead to `others`, goals (n,), instead.
+        """Follow a trajectory from where the robot stands; detours may lead to other goals `others`, each (n,).
 
         Its curve is proven anew against all still obstacles. Its limits and caps are kept, except those by people; its
         time law is not: the robot is as fast as limits and people let it. Raises InputError if the robot moves, or
@@ -119,7 +123,9 @@ class Replanner(CommandProver):
         blocked = first_unproven(trajectory.curve, self.prover)
         if blocked is not None:
             begin = trajectory.curve.knots[blocked].round(3).tolist()
-            raise InputError(f"piece {blocked} of the trajectory, from {begin} on, is not free of what stands still")
+            raise InputError(
+                f"piece {blocked} of the trajectory, from {begin} on, is not proven free of still obstacles"
+            )
         self._path, self._last, self._detour, self._retreat, self._others = path, None, None, None, tuple(others)
         retreats = self.options.retreats and not self.prover.separation.tube
         joints = self.robot.joint_names if self.options.joints is None else self.options.joints
@@ -131,9 +137,9 @@ class Replanner(CommandProver):
             self.detours.cover(trajectory.curve)
 
     def soonest(self, trajectories: Sequence[Trajectory]) -> int:
-        """Return the number of the trajectory, from where the robot stands, that is expected to end first.
+        """Return the index of the trajectory, from where the robot stands, that is expected to end first.
 
-        That is the shortest one where nobody was seen yet, or no detours are searched.
+        If nobody was seen yet, or no detours are searched, that is the shortest one.
         """
         if self.detours is None or not self.surroundings.known:
             return int(np.argmin([trajectory.duration for trajectory in trajectories]))
@@ -142,24 +148,24 @@ class Replanner(CommandProver):
         return int(np.argmin([path.coarse.pace(around, self.tick)[0].sum() for path in paths]))
 
     def resume(self, command: Command | None) -> None:
-        """Go on where the robot stands: at the stop of a command of this replanner; None: where it began."""
+        """Continue where the robot stands: at the end of a command of this replanner; None: where it began."""
         self._last, self._detour, self._retreat = command, None, None
         if command is not None:
             self._path = command.path
 
     def command(self, time: float) -> Command:
-        """Return what the robot does from a time [s] on, which is not before the last command or measurement."""
+        """Return the command from a time [s] on, which is not before the last command or measurement."""
         path = self._path
         if path is None:
             raise InputError("start a trajectory first")
         s, speed = self._place(time)
         found = None
         if self._detour is not None:
-            way, begin = self._detour
+            detour, begin = self._detour
             past = self._past
             if past is not None:
                 self._past = past._replace(places=past.places - begin)
-            found = self._next(way, max(s - begin, 0.0), speed, time)
+            found = self._next(detour, max(s - begin, 0.0), speed, time)
             self._detour, self._past = None, past
         if found is None:
             found = self._next(path, s, speed, time)
@@ -172,10 +178,10 @@ class Replanner(CommandProver):
         return self._given(found, time)
 
     def think(self, units: int = 60) -> bool:
-        """Search a detour if the path ahead is barred or slow; return whether the next command has one to take.
+        """Search a detour if people block or slow the path ahead; return whether the next command has a detour.
 
-        Call it after `command`, in the time that is left until the next one, which takes the detour if that is proven.
-        So many units of work may be done: an estimate for an edge is 1, a proof of one 8. What was learnt is kept.
+        Call it after `command`, in the time that is left until the next one, which takes the detour if it is proven.
+        `units` limits the work: an estimate of an edge is 1 unit, a proof 8. Results are kept for the next call.
         """
         command = self._last
         if command is None or not self.surroundings.known or command.action is Action.DONE:
@@ -187,32 +193,32 @@ class Replanner(CommandProver):
         if self._detour is None and self._retreats is not None and command.action is Action.STANDING:
             at = float(command.motion.places[-1])
             self._retreat = self._retreats.search(command.path, at, around.sets)
-        for way in (self._path, self._retreat):
-            if way is not None and self._retreats is not None:
-                way.prepare()
+        for path in (self._path, self._retreat):
+            if path is not None and self._retreats is not None:
+                path.prepare()
         return self._detour is not None
 
     def _retreating(
         self, found: Command | None, path: BoundedPath, s: float, speed: float, time: float
     ) -> Command | None:
-        """Return a retreat if it gets much farther than what was found, or goes on; else what was found."""
+        """Return a retreat if it leads much farther than the command found, or continues one; else that command."""
         if found is not None and (found.path is not path or found.action in (Action.MOVING, Action.DONE)):
             return found
         last = self._last
-        gets = 0.0 if found is None else found.motion.at(self.tick)[0] - s
+        advance = 0.0 if found is None else found.motion.at(self.tick)[0] - s
         if last is None or last.action is not Action.RETREATING:
-            if max(speed * self.tick, gets) > _CRAWL * self.tick:
+            if max(speed * self.tick, advance) > _CRAWL * self.tick:
                 return found
-            gets *= _RETREAT_ADVANTAGE
-        away = self._recede(path, s, speed, time)
-        if away is not None:
-            return away if away.motion.at(self.tick)[0] - s > gets else found
+            advance *= _RETREAT_ADVANTAGE
+        retreat = self._recede(path, s, speed, time)
+        if retreat is not None:
+            return retreat if retreat.motion.at(self.tick)[0] - s > advance else found
         if found is None and self._retreat is not None and speed == 0:
             return self._recede(self._retreat, 0.0, 0.0, time)
         return found
 
     def _recede(self, path: BoundedPath, s: float, speed: float, time: float) -> Command | None:
-        """Return the fastest motion from (s, ṡ) that recedes from all who are near. None if none is."""
+        """Return the fastest motion from (s, ṡ) that recedes from all people who are near; None if there is none."""
         if self.surroundings.trouble(time, self.options.lost_after) is not None:
             return None
         around = self._around(time)
@@ -242,7 +248,7 @@ class Receding:
             self._always[g, near[self._apart[g, near] > lost]] = True
 
     def along(self, motion: StopLaw) -> BoolArray:
-        """Return which (G, M) do along a motion; where it goes through a corner only those that always do."""
+        """Return which pairs (G, M) recede along a motion; if it has a corner, only those that always recede."""
         path, last = self._path, float(motion.places[-1])
         found, corners = self._always.copy(), path.edges[path.cells.stops]
         if not len(motion.cells) or ((self._s < corners) & (corners < last)).any():
@@ -255,7 +261,7 @@ class Receding:
 
 
 def _ahead(bodies: RobotBodies, frames: CellFrames, sets: ReachSets) -> tuple[FloatArray, FloatArray]:
-    """Return directions (G, S, 3) from sets to bodies, and how far (G, S) apart they are along these [m], at least.
+    """Return directions (G, S, 3) from sets to bodies, and lower bounds (G, S) of their distances along these [m].
 
     The sets are those of the measurement, the frames the first ones. Distances above `_FAR_AWAY` are infinite.
     """
@@ -264,7 +270,7 @@ def _ahead(bodies: RobotBodies, frames: CellFrames, sets: ReachSets) -> tuple[Fl
 
 
 class Retreats:
-    """Searches motions of `movable: (n,)` joints that recede from people, free of what stands still."""
+    """Searches motions of `movable: (n,)` joints that recede from people and are free of still obstacles."""
 
     def __init__(
         self, prover: MotionProver, bodies: RobotBodies, limits: SpeedLimits, movable: BoolArray | bool = True
@@ -272,7 +278,7 @@ class Retreats:
         self._prover, self._bodies, self._limits, self._movable = prover, bodies, limits, movable
 
     def search(self, path: BoundedPath, s: float, sets: ReachSets) -> BoundedPath | None:
-        """Return a motion away from all who are near a robot that stands at s of a path, back, and on; or None."""
+        """Return a motion from s of a path away from people, back to s and on along the path; None if none is found."""
         q = path.curve.places(np.array([s])).q[0]
         end = self._away(q, sets)
         if end is None:
@@ -284,7 +290,7 @@ class Retreats:
         return out.then(back).then(rest)
 
     def _away(self, q: FloatArray, sets: ReachSets) -> FloatArray | None:
-        """Return the end of a free motion away from all who are near; None if nobody is, or none is found."""
+        """Return the end of a free motion away from people who are near; None if nobody is near or none is found."""
         n, robot, bodies = len(q), self._prover.checker.robot, self._bodies
         frames = bodies.frames(np.vstack([q, q + _NUDGE * np.eye(n)]))
         axes, apart = _ahead(bodies, frames, sets)
@@ -296,33 +302,33 @@ class Retreats:
         for grown, still in product(after, range(min(n, _MOST_STILL_JOINTS + 1))):
             some = rates[apart[tuple(pairs.T)] < grown[pairs[:, 1]]] * (self._movable & (np.arange(n) >= still))
             some = some[some.any(axis=1)]
-            way = _away_from_all(some)
-            if not len(some) or (some @ way).min() < _LEAST_DISTANCE_GAIN:
+            direction = _away_from_all(some)
+            if not len(some) or (some @ direction).min() < _LEAST_DISTANCE_GAIN:
                 continue
             for length in _LENGTHS:
-                end = q + length * way
+                end = q + length * direction
                 if robot.within_limits(end).all() and self._prover.is_free(q, end):
                     return np.asarray(end)
         return None
 
 
 def _away_from_all(rates: FloatArray) -> FloatArray:
-    """Return a direction (n,) in which the least of the rates (P, n) is as large as a few rounds make it."""
+    """Return a direction (n,) in which the least of the rates (P, n) is large, by an iteration like a perceptron's."""
     units = rates / np.maximum(np.linalg.norm(rates, axis=1), 1e-9)[:, None]
-    way = units.sum(axis=0)
-    best, most = way, -np.inf
+    sum_ = units.sum(axis=0)
+    best, most = sum_, -np.inf
     for _ in range(_DIRECTION_ITERATIONS if len(rates) else 0):
-        unit = way / max(float(np.linalg.norm(way)), 1e-9)
+        unit = sum_ / max(float(np.linalg.norm(sum_)), 1e-9)
         worst = int((rates @ unit).argmin())
         if rates[worst] @ unit > most:
             best, most = unit, float(rates[worst] @ unit)
-        way = way + units[worst]
+        sum_ = sum_ + units[worst]
     return np.asarray(best)
 
 
 @dataclass(frozen=True)
 class Segment:
-    """What is driven without a change of robot or scene; then the robot rests for a pause [s].
+    """A trajectory that is executed without a change of robot or scene, and a pause [s] after it.
 
     Without a trajectory it only rests, and the replanner is the one of the segment before. A segment that must
     stay on its curve has a replanner without detours and retreats.
@@ -330,19 +336,21 @@ class Segment:
 
     replanner: Replanner
     trajectory: Trajectory | None
-    robot: Robot  # with what it holds
+    # The robot with its attached objects.
+    robot: Robot
     # The obstacles, and which links may touch them.
     scene: Scene
-    step: int = 0  # of the program
+    # The number of the step of the program.
+    step: int = 0
     pause: float = 0.0
 
 
 class SegmentSequence:
-    """Segments in their order, each driven once; raises InputError if there is none, or a trajectory is not free."""
+    """Segments in order, each executed once; raises InputError if there is none, or a trajectory is not free."""
 
     def __init__(self, segments: Sequence[Segment]) -> None:
         if not segments or segments[0].trajectory is None:
-            raise InputError("there is nothing to drive", "segments")
+            raise InputError("must begin with a trajectory", "segments")
         self.segments, self.done = tuple(segments), 0
         self._rests_since: float | None = None
         for segment in self.segments:
@@ -351,16 +359,16 @@ class SegmentSequence:
 
     @property
     def current(self) -> Segment:
-        """The segment that is driven now, or was last."""
+        """The segment that is executed now, or was executed last."""
         return self.segments[min(self.done, len(self.segments) - 1)]
 
     @property
     def finished(self) -> bool:
-        """Whether all are done."""
+        """Whether all segments are executed."""
         return self.done == len(self.segments)
 
     def go_on(self, now: float) -> None:
-        """Begin the next segment, if the robot, which stands at the end of this one, has rested as long as it must."""
+        """Begin the next segment if the robot, which stands at the end of this one, has rested for the pause."""
         segment = self.current
         self._rests_since = now if self._rests_since is None else self._rests_since
         if self.finished or now < self._rests_since + segment.pause:
@@ -372,32 +380,33 @@ class SegmentSequence:
 
 
 class Route:
-    """Places that a robot visits in any order, each once in a round: next the one where it is expected to be soonest.
+    """Places that a robot visits in any order, each once in a round; the next one is where it is expected soonest.
 
-    `ways` has a trajectory from each of the K ≥ 2 places to each other one, by their numbers; it begins at place 0.
+    `trajectories` leads from each of the K ≥ 2 places to each other one, by their indices; the route begins at place 0.
     """
 
-    def __init__(self, ways: Mapping[tuple[int, int], Trajectory]) -> None:
-        self.ways = ways
-        begins = {i: way.curve.places(np.zeros(1)).q[0] for (i, _), way in ways.items()}
+    def __init__(self, trajectories: Mapping[tuple[int, int], Trajectory]) -> None:
+        self.trajectories = trajectories
+        begins = {i: one.curve.places(np.zeros(1)).q[0] for (i, _), one in trajectories.items()}
         self.places: FloatArray = np.array([begins[k] for k in sorted(begins)])
-        self._left: set[int] = set()  # of this round
+        # The places of this round that are not visited yet.
+        self._left: set[int] = set()
 
     @classmethod
     def between(
         cls, places: Sequence[FloatArray], to_and_fro: Callable[[FloatArray, FloatArray], Sequence[Trajectory]]
     ) -> Route:
-        """Return the route between some places, each (n,); the function returns the ways between two of them."""
-        ways: dict[tuple[int, int], Trajectory] = {}
+        """Return the route between places (n,); the function returns the trajectories between two places, both ways."""
+        found: dict[tuple[int, int], Trajectory] = {}
         for i, k in combinations(range(len(places)), 2):
-            ways[i, k], ways[k, i] = to_and_fro(places[i], places[k])
-        return cls(ways)
+            found[i, k], found[k, i] = to_and_fro(places[i], places[k])
+        return cls(found)
 
     def start(self, replanner: Replanner, q: FloatArray) -> None:
-        """Start for one of the places that are left, from the one at `q: (n,)`; detours may lead to another of them."""
+        """Start from the place at `q: (n,)` to one that is not visited yet; detours may lead to another one."""
         here = int(np.abs(self.places - q).max(axis=1).argmin())
         self._left = self._left - {here} or {*range(len(self.places))} - {here}
         order = sorted(self._left)
-        ways = [self.ways[here, k] for k in order]
-        first = replanner.soonest(ways)
-        replanner.start(ways[first], [self.places[k] for k in order if k != order[first]])
+        ahead = [self.trajectories[here, k] for k in order]
+        first = replanner.soonest(ahead)
+        replanner.start(ahead[first], [self.places[k] for k in order if k != order[first]])

@@ -1,4 +1,4 @@
-"""The shield: whatever proposes motions, what is driven is proven at every tick, with its stop on the proposed path.
+"""The shield: follows proposed motions as far as they are proven, at every tick with a stop on the proposed path.
 
 A proposal becomes a curve q(s) whose parameter s is the proposed time. It begins in the robot's present position and
 velocity, q(0) = q and q′(0)·ṡ = q̇: positions are joined by the cubic spline through them, with continuous
@@ -7,11 +7,11 @@ curve with ṡ ≤ 1: never faster than proposed, and at ṡ = 1 in the proposed
 
 What is executed is always the motion until the next tick and a stop on the same curve, both proven:
 
-* The curve is proven free of what stands still piece by piece (`MotionProver.check_curve`), in a window that holds
-  every stop, and it is cut where the proof ends. ṡ is 0 there, so that no motion leaves what is proven.
-* In each cell of the curve |q′|b + |q″|ṡ² is within the accelerations, with b the braking along the curve. ṡ is below
-  1 where else less than the window would be left for a stop: accelerations that are too large cost time, not proof.
-* Motion and stop are held against everybody who moves as in the `Replanner`, by the same code.
+* The curve is proven free of still obstacles piece by piece (`MotionProver.check_curve`), in a window that holds
+  every stop, and it is cut where the proof ends. ṡ is 0 there, so that every motion stays on the proven part.
+* In each cell of the curve |q′|b + |q″|ṡ² is within the acceleration limits, with b the braking along the curve. If a
+  stop from ṡ = 1 would leave the window, ṡ is below 1: a proposal with too large accelerations is followed later.
+* Motion and stop keep the margin to everybody who moves as in the `Replanner`, by the same code.
 
 If a proposal cannot be used, or no motion on it is proven, the robot follows the stop of the command before. Its proof
 covers all that people may do until the robot stands, and does not depend on the proposal.
@@ -62,11 +62,11 @@ class ShieldCommand(Command):
 
 
 class Shield(CommandProver):
-    """Lets a robot follow what a policy, a teleoperator or another planner proposes, as far as that is proven.
+    """Follows the motions that a policy, a teleoperator or another planner proposes, as far as they are proven.
 
     At every tick: `update` with what sensors saw, one of `propose`, `propose_velocity` and `propose_twist`, and
     `command`. The robot stays on the proposed path and is as near to the proposed timing as limits and proofs allow.
-    Without a new proposal it goes on with the last one. Without a new command it ends in the stop of the last one.
+    Without a new proposal it continues the last one. Without a new command it stops at the end of the last one.
 
     Parameters are those of `CommandProver`.
 
@@ -87,7 +87,7 @@ class Shield(CommandProver):
     _rest: BoundedPath | None = None
     _proposal: Positions | Velocity | None = None
     _refused = _NO_PROPOSAL
-    # What the last command follows.
+    # The proposal that the last command follows.
     _way: _Way | None = None
     # When the newest proposal began [s], unknown until its first command, and where in it the robot joins.
     _clock = _begin = np.nan
@@ -100,17 +100,17 @@ class Shield(CommandProver):
 
     @cached_property
     def _window(self) -> float:
-        """How much of a proposal is proven at a time [s]: a tick and the longest stop."""
+        """The duration of a proposal that is proven at once [s]: a tick and the longest stop."""
         joints = self.limits.joints
         return self.tick + averaging_window(joints) + 0.5 / least_brake(joints) + 2 * _CELL
 
     # ----------------------------------------------------------------------------------------------- what is called
 
     def start(self, q: ArrayLike) -> None:
-        """Take where the robot stands (n,) [rad or m], within the joint limits; what was proposed is forgotten.
+        """Take the configuration (n,) at which the robot stands [rad or m]; proposals are forgotten.
 
         A start outside the limits raises InputError, however near to them: the first command would jump to the limit.
-        Where the robot's controller bears that jump, give `Robot.clipped_start` of it.
+        If the robot's controller accepts that jump, give `Robot.clipped_start` of the start.
         """
         last = self._last
         if last is not None and last.action not in (Action.DONE, Action.STANDING):

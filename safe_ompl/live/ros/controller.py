@@ -1,4 +1,4 @@
-"""A robot that is driven to goals beside people, as a node of ROS drives it, without ROS: arrays in, commands out.
+"""A controller that moves a robot to goals beside people: what a node of ROS does, without ROS.
 
 What is commanded is proven as `Replanner` says: every command ends in a stop. To stop, nothing more is commanded. The
 controller stops so
@@ -379,7 +379,7 @@ class LiveController:
         try:
             found = planning.result()
         except SafeOmplError as error:
-            what = "the program cannot be driven" if self.cell.program else "no way to the goal"
+            what = "the program cannot be executed" if self.cell.program else "no way to the goal"
             self.goal, self._wanted, self._why = None, self.cell.shielded, f"{what}: {error}"
             return
         if self.joints is None or self._astray(self._apart(self._start, self.joints.q), ""):

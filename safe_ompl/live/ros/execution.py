@@ -1,4 +1,4 @@
-"""Trajectories of others, driven on their own path beside people: the action FollowJointTrajectory without ROS.
+"""Trajectories of other planners, executed on their paths beside people: FollowJointTrajectory without ROS.
 
 A trajectory is proven whole before it begins, among what stands still, and at every tick its stop beside people
 (`Shield.follow`). Where somebody is in the way the robot stops on the path, and goes on as soon as it may. What stops a
@@ -143,7 +143,7 @@ class Execution:
         return self.done >= self.duration - _EQUAL_POSITIONS
 
     def drive_with(self, shield: Shield, start: FloatArray, tolerance: float) -> None:
-        """Let a shield drive what is left, from where the robot stands; raise SafeOmplError if that is not proven."""
+        """Let a shield execute the rest, from where the robot stands; raise SafeOmplError if it is not proven."""
         try:
             shield.start(start)
             motion = self._from(start, shield.robot) if self.motion is None else self.motion

@@ -87,7 +87,7 @@ class McapLog:
         self._writer.add_message(self._channels[topic], time, data, time)
 
     def close(self) -> None:
-        """Write what is left and the index, and close the file."""
+        """Write the rest and the index, and close the file."""
         self._writer.finish()
         self._stream.close()
 

@@ -45,7 +45,7 @@ Message = dict[str, Any]
 
 @cache
 def types_of_ros() -> Any:
-    """Return the types of ROS 2 Humble; needs the extra `mcap`, and whoever reads messages only does not ask."""
+    """Return the types of ROS 2 Humble; needs the extra `mcap`, which reading of messages does without."""
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS2_HUMBLE)
@@ -241,7 +241,7 @@ class FramePlaces:
 
 
 def in_metres(skeleton: Skeleton) -> Skeleton:
-    """Return a skeleton as messages of ROS have it, whoever made them: in metres, x forward, y left, z up."""
+    """Return a skeleton in the units and axes of ROS messages: metres, x forward, y left, z up."""
     return Skeleton(skeleton.name, skeleton.points, skeleton.sources)
 
 

@@ -102,7 +102,7 @@ def lookup_of(node: Any) -> Callable[[str, str, Any], pin.SE3 | None] | None:
 
 
 class RosNode:
-    """Connects a controller, whose clock is the node's, with topics; `run` drives it until it is interrupted.
+    """Connects a controller, whose clock is the node's, with topics; `run` calls it until it is interrupted.
 
     Sensors are in `frames`, what is drawn around the robot is `scene`, and `log` takes the ticks. In front of a
     `guarded` controller of ros2_control it serves an action: trajectories take the place of goals.
@@ -166,7 +166,7 @@ class RosNode:
         return lambda content: publisher.publish(messages.encoded(kind, content))
 
     def _subscribe(self, kind: str, topic: str, take: Callable[[Any], object], *, reliable: bool = False) -> None:
-        """Give the messages of a topic to `take`; a bad one is reported, and the node goes on."""
+        """Give the messages of a topic to `take`; a bad one is reported, and the node continues."""
 
         def received(data: bytes) -> None:
             try:

@@ -78,7 +78,7 @@ class CloudView(NamedTuple):
     def seen(
         cls, points: FloatArray, radius: float, robot: Robot, q: FloatArray, around: Surroundings | None
     ) -> CloudView:
-        """Return what is left of points (M, 3), seen while the robot was at `q: (n,)`."""
+        """Return points (M, 3), measured while the robot was at `q: (n,)`, without points of the robot."""
         kept = points[np.isfinite(points).all(axis=1)]
         kept = kept[~robot_points(kept, robot, q, radius)]
         for person in () if around is None else around.people.values():

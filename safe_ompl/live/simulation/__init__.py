@@ -1,4 +1,4 @@
-"""Simulated people, robots and their contacts, to test what is driven beside people."""
+"""Simulated people, robots and their contacts, to test motions beside people."""
 
 import lazy_loader
 

@@ -181,7 +181,7 @@ class SimulationSummary:
     # Contacts while it moved, after somebody had not kept to the model; and while it stood
     contacts_after_violations: int = 0
     contacts_at_rest: int = 0
-    # Contacts with who ran after a robot that retreated from where they were measured
+    # Contacts with people who followed a robot that retreated from their measured places.
     contacts_retreating: int = 0
     # Share of the time in which everybody had kept to the model since the measurement that the motion was
     # proven against
@@ -356,7 +356,7 @@ class Simulation:
         return took
 
     def _promise(self, now: float, around: Surroundings, violations: list[ReachViolation]) -> None:
-        """Note where everybody was promised to be from now on, and who was not."""
+        """Record the reach sets from now on, and who is outside the previous ones."""
         self.summary.violations += bool(violations)
         if around.known:
             self._promised[now] = around.sets
@@ -421,7 +421,7 @@ class Simulation:
 
 
 class ProgramSimulation(Simulation):
-    """Drives `segments` one after the other, each once; the robot stops for people, and goes on from where it stands.
+    """Executes `segments` one after the other, each once; the robot stops for people, and continues where it stands.
 
     Then it rests. The summary counts segments as tasks. Raises InputError as `SegmentSequence`.
     """
@@ -438,7 +438,7 @@ class ProgramSimulation(Simulation):
         super().__init__(self.segments.current.replanner, [], people, objects, faults=faults)
 
     def ticks(self, seconds: float) -> Generator[dict[str, Any], None, None]:
-        """Run for a time [s] or until all segments are driven, and yield ticks as `Simulation.ticks`."""
+        """Run for a time [s] or until all segments are executed, and yield ticks as `Simulation.ticks`."""
         with closing(super().ticks(seconds)) as ticks:
             for tick in ticks:
                 yield tick

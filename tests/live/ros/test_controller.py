@@ -103,7 +103,7 @@ def test_a_program_goes_on_where_it_stopped():
 def test_a_program_begins_with_its_gripper_and_is_not_taken_up_after_the_clock_went_back():
     drive = work(finger=0.01)
     drive.controller.run(True)
-    why = "the program cannot be driven: 'panda_finger_joint1' is at 0.01, and the program begins at 0.04"
+    why = "the program cannot be executed: 'panda_finger_joint1' is at 0.01, and the program begins at 0.04"
     assert why in [tick["reason"] for tick in drive.run(0.5)]
     drive.q[-1] = 0.04
     drive.controller.run(True)

@@ -254,7 +254,7 @@ def test_what_cannot_be_is_refused(replanner_for, to_and_fro, panda, table, trac
         object.__setattr__(cap, "limit", None)  # such as of danger: it is proven on its own curve only
     for trajectory, message in (
         (arm, "the trajectory is of the joints"),
-        (down, "is not free of what stands still"),
+        (down, "is not proven free of still obstacles"),
         (slow, "trajectory: the cap 'tool speed' holds on its own curve only"),
     ):
         with pytest.raises(InputError, match=message):
