@@ -16,12 +16,9 @@ if TYPE_CHECKING:
 
 # Numbers below were chosen on 65 random scenes with a person and five boxes (bench/ways), for the least work with which
 # 95 % of the runs are within 5 % of the best path that is known.
-_FEWEST, _MOST = 2, 6  # starts
+_FEWEST, _MOST = 3, 7  # starts
 # Starts end when so many of them come to within this share of the cheapest: then another way is rarely cheaper.
 _AGREEING, _AGREEMENT = 2, 0.03
-# Starts are simplified coarsely, with twice the spacing and four times the gain that ends a descent: in four fifths of
-# the time they come to within 1 % (median). What is joined from them is simplified to the end.
-_COARSER = -1
 _JOINTS = 2  # joined paths; the second one only if the first saved more than this share
 _WORTHWHILE = 0.02
 # Two paths are compared at so many places, and at so many paths between them.
@@ -44,13 +41,18 @@ def all_ways(ways: Any) -> bool:
     return ways == "all"
 
 
+def _cost(path: WayPath) -> float:
+    return path.cost
+
+
 class WaySearch:
     """The search for the safest way of a setup; what it has found so far stands whenever it ends.
 
-    Starts go on until two of them come to about the same least J: the more often the best result of a random search is
-    found again, the less likely a further start finds a better one. Then all paths are joined, see `hybrid`, and the
-    joined path is simplified to the end; where that saves much, once more. None of this depends on the clock, unless it
-    is time to stop.
+    Starts are simplified coarsely, in half the time, and go on until two of them come to about the same least J: the
+    more often the best result of a random search is found again, the less likely a further start finds a better one.
+    Then these drafts are joined, see `hybrid`, and the joined path is simplified to the end; where that saves much,
+    once more. At last the cheapest draft of every other way is simplified to the end, too. None of this depends on the
+    clock, unless it is time to stop.
 
     Parameters
     ----------
@@ -66,41 +68,44 @@ class WaySearch:
 
     def __init__(self, setup: SafeSetup, simplifier: Simplifier, seconds: float, stop: Stop) -> None:
         self._setup, self._simplifier, self._seconds, self._stop = setup, simplifier, seconds, stop
-        self._found: list[WayPath] = []
+        self._drafts: list[WayPath] = []
+        self._finished: list[WayPath] = []
 
     def run(self, search: Callable[[int], FloatArray | None]) -> None:
         """Look for ways; `search` plans: from a number that is another one for every start to a path (N, n) or None."""
-        coarse = self._simplifier.refined(_COARSER)
+        coarse = self._simplifier.coarse()
         for start in range(_MOST):
             planned = search(start)
             if planned is not None:
-                self._add(planned, planned, coarse)
+                self._drafts.append(self._simplified(planned, planned, coarse))
             if self._stop() or (start + 1 >= _FEWEST and self._agree()):
                 break
-        for _ in range(_JOINTS if self._found else 0):
+        for _ in range(_JOINTS if self._drafts else 0):
             if self._stop():
                 break
-            best = self._cheapest()
-            others = [each.path for each in self._found if each is not best]
-            joined = hybrid(self._simplifier, [best.path, *others], self._stop)
-            if self._add(joined, best.planned, self._simplifier) > (1.0 - _WORTHWHILE) * best.cost:
+            known = [*self._drafts, *self._finished]
+            best = min(known, key=_cost)
+            paths = [best.path, *(each.path for each in known if each is not best)]
+            self._finish(hybrid(self._simplifier, paths, self._stop), best.planned)
+            if self._finished[-1].cost > (1.0 - _WORTHWHILE) * best.cost:
                 break
+        for draft in sorted(self._drafts, key=_cost):
+            if self._stop():
+                break
+            if not any(are_one_way(draft.path, each.path, self._simplifier) for each in self._finished):
+                self._finish(draft.path, draft.planned)
 
-    def _add(self, path: FloatArray, planned: FloatArray, simplifier: Simplifier) -> float:
-        """Simplify a proven path, and keep it; return J of it."""
+    def _finish(self, path: FloatArray, planned: FloatArray) -> None:
+        self._finished.append(self._simplified(path, planned, self._simplifier))
+
+    def _simplified(self, path: FloatArray, planned: FloatArray, simplifier: Simplifier) -> WayPath:
         better = simplifier.simplify(path, timed(self._seconds, self._stop), proven=True)
-        self._found.append(WayPath(better, self._simplifier.cost.of(better), planned))
-        return self._found[-1].cost
+        return WayPath(better, self._simplifier.cost.of(better), planned)
 
     def _agree(self) -> bool:
         """Return whether several starts have come to about the least J."""
-        if not self._found:
-            return False
-        near = (1.0 + _AGREEMENT) * self._cheapest().cost
-        return sum(each.cost <= near for each in self._found) >= _AGREEING
-
-    def _cheapest(self) -> WayPath:
-        return min(self._found, key=lambda each: each.cost)
+        costs = np.array([each.cost for each in self._drafts])
+        return bool((costs <= (1.0 + _AGREEMENT) * costs.min(initial=np.inf)).sum() >= _AGREEING)
 
     def ways(self) -> list[tuple[WayPath, float]]:
         """Return the cheapest path of each way by the setup's objective, and what it costs; the cheapest first.
@@ -111,8 +116,8 @@ class WaySearch:
         objective = self._setup.getOptimizationObjective() or ob.PathLengthOptimizationObjective(
             self._setup.getSpaceInformation()
         )
-        left = self._priced(self._found, objective)
-        left = left or self._priced([WayPath(each.planned, np.inf, each.planned) for each in self._found], objective)
+        left = self._priced(self._finished or self._drafts, objective)
+        left = left or self._priced([WayPath(each.planned, np.inf, each.planned) for each in self._drafts], objective)
         ways = list[tuple[WayPath, float]]()
         while left:
             best = left[0]

@@ -1,11 +1,29 @@
 """The safest way round: `plan(ways="all")` joins several starts, compares ways, and says what the next best costs."""
 
+import signal
+
 import numpy as np
 import pytest
 
 import safe_ompl
-from safe_ompl import InputError, Scenario, load, save
-from safe_ompl.planning import setup_scenario
+from safe_ompl import (
+    Cylinder,
+    InputError,
+    Obstacle,
+    Pose,
+    SafeRRTConnect,
+    SafeSetup,
+    Scenario,
+    Scene,
+    Simplifier,
+    load,
+    save,
+)
+from safe_ompl.planning import run, setup_scenario
+from safe_ompl.planning.simplification import simplifier
+
+START, GOAL = (1.3, 0.3), (-1.3, 0.3)
+SEEDS = range(0, 60, 10)  # the starts of two seeds are not the same
 
 
 @pytest.fixture(scope="module")
@@ -52,3 +70,129 @@ def test_one_way_is_what_it_was(setup):
 def test_what_ways_may_be(setup, options, words):
     with pytest.raises(InputError, match=words):
         setup.plan(**options)
+
+
+# -------------------------------------------------------------------------------------------- left or right of a pillar
+
+
+def beside_a_pillar(robot):
+    """Return a setup for an arm of two links that must fold to pass a pillar, its elbow on one side or the other."""
+    pillar = Obstacle("pillar", Cylinder(0.05, 0.3), Pose((0.72, 0.0, 0.0)), weight=1.0)
+    setup = SafeSetup(robot, Scene((pillar,)))
+    setup.setConfigurations(START, GOAL)
+    return setup
+
+
+def test_every_seed_finds_the_cheaper_side_of_a_pillar_and_says_what_the_other_costs():
+    robot = Scenario.load("planar2").build_robot()
+    sides = (-0.7, 2.6), (-2.6, 0.7)  # limits of the elbow that leave one side only
+    only = [beside_a_pillar(robot.with_limits({"joint2": limits})) for limits in sides]
+    cheap, dear = (
+        [plan.report.danger.integral for plan in (setup.plan(seed=seed, simplify=True) for seed in SEEDS)]
+        for setup in only
+    )
+    assert 1.1 * max(cheap) < min(dear)
+    setup = beside_a_pillar(robot)
+    one = [setup.plan(seed=seed, simplify=True).report.danger.integral for seed in SEEDS]
+    assert max(one) > 1.1 * max(cheap)  # chance leads to the other side
+    results = [setup.plan(seed=seed, ways="all") for seed in SEEDS]
+    assert all(result.certified and result.ways[0] <= 1.02 * max(cheap) for result in results)
+    both = [result.ways for result in results if len(result.ways) > 1]
+    assert both
+    assert all(costs[1] == pytest.approx(np.median(dear), rel=0.1) for costs in both)
+
+
+def test_ways_to_a_place_of_the_tip_end_there():
+    setup = beside_a_pillar(Scenario.load("planar2").build_robot())
+    place = setup.robot.tip_pose(GOAL).translation
+    setup.setWorkspaceGoal(place)
+    result = setup.plan(seed=1, ways="all")
+    assert result.certified
+    assert np.linalg.norm(setup.robot.tip_pose(result.path[-1]).translation - place) <= 0.01
+    assert result.ways[0] <= 1.05 * setup.plan(seed=1, simplify=True).report.danger.integral
+
+
+# --------------------------------------------------------------------------------------------------- planners and goals
+
+
+@pytest.mark.parametrize(
+    "planner", ["SafeRRTConnect", "SafePRM", "SafeJTRRT", "BubblePlanner", "ClassicRRTConnect", "RRTConnect"]
+)
+def test_ways_with_other_planners(setup, planner):
+    one, result = (setup.plan(planner, seed=2, **options) for options in ({"simplify": True}, {"ways": "all"}))
+    assert result.certified
+    assert result.ways[0] <= 1.05 * one.report.danger.integral
+    np.testing.assert_array_equal(setup.plan(planner, seed=2, ways="all").path, result.path)
+
+
+def test_ways_without_danger_are_compared_by_length():
+    scenario = Scenario.load("planar2")
+    robot = scenario.build_robot()
+    setup = SafeSetup(robot, scenario.scene, danger=None)
+    setup.setConfigurations(scenario.start_configuration(robot), scenario.goal_configurations(robot))
+    result = setup.plan(seed=1, ways="all")
+    assert result.certified
+    assert result.ways[0] == pytest.approx(result.report.length)
+    assert result.report.length <= 1.05 * setup.plan(seed=1, simplify=True).report.length
+
+
+def test_what_the_users_own_checker_refuses_is_not_returned(setup):
+    refused = []
+
+    def refuses(state):
+        refused.append(abs(state[2]) > 1.5)
+        return not refused[-1]
+
+    try:
+        setup.setStateValidityChecker(refuses)
+        assert setup.plan(seed=1, ways="all", time=60.0).certified
+        assert any(refused)
+    finally:
+        setup.setStateValidityChecker(None)
+
+
+# ----------------------------------------------------------------------------------------------------- ends of a search
+
+
+class Fickle(SafeRRTConnect):
+    """Fails with seeds below three, and lets a second pass with each start."""
+
+    clock = 0.0
+
+    def _search(self, ptc):
+        Fickle.clock += 1.0
+        return None if self.getSeed() < 3 else super()._search(ptc)
+
+
+def test_starts_without_a_path_are_skipped_and_without_any_there_is_no_way(setup, monkeypatch):
+    planner = Fickle(setup.getSpaceInformation())
+    found = setup.plan(planner, seed=1, ways="all", time=60.0)
+    assert (found.certified, len(found.ways) > 0, found.status) == (True, True, "Exact solution")
+    monkeypatch.setattr(planner, "getSeed", lambda: 0, raising=False)
+    nothing = setup.plan(planner, seed=0, ways="all", time=60.0)
+    assert (nothing.path, nothing.ways, nothing.status) == (None, (), "Timeout")
+    assert not setup.haveSolutionPath()
+
+
+def test_no_start_begins_when_the_time_is_up(setup, monkeypatch):
+    planner, Fickle.clock = Fickle(setup.getSpaceInformation()), 0.0
+    for module in (run, simplifier):
+        monkeypatch.setattr(module, "perf_counter", lambda: Fickle.clock)
+    begin, begun = Simplifier.begin, []
+    monkeypatch.setattr(Simplifier, "begin", lambda *given, **options: begun.append(0) or begin(*given, **options))
+    result = setup.plan(planner, seed=3, ways="all", time=1.5)
+    assert (result.certified, Fickle.clock, len(begun)) == (True, 2.0, 2)
+
+
+def test_ctrl_c_leaves_the_best_way_so_far(setup, monkeypatch):
+    simplify, begun = Simplifier.simplify, []
+
+    def pressed(self, path, stop, **options):
+        begun.append(path)
+        if len(begun) == 2:
+            signal.raise_signal(signal.SIGINT)
+        return simplify(self, path, stop, **options)
+
+    monkeypatch.setattr(Simplifier, "simplify", pressed)
+    result = setup.plan(seed=1, ways="all", time=60.0)
+    assert (result.interrupted, result.certified, len(begun), len(result.ways)) == (True, True, 2, 1)

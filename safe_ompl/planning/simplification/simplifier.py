@@ -91,6 +91,7 @@ class Simplifier:
         self.spacing, self.precision = _SPACING, _CONVERGED
         self.obstacle_cost = ObstacleCost(checker, clearance) if clearance else None
         self.most_kept = np.inf  # [m] of a given path's clearance; see `weighing`
+        self.gains_clearance = True  # see `coarse`
         self._field, self._weight = field, weight
         self._revisions: tuple[int, int] | None = None
         self._follow()
@@ -139,6 +140,12 @@ class Simplifier:
         finer.spacing = self.spacing / 2**times
         finer.precision = self.precision / 4**times
         return finer
+
+    def coarse(self) -> Simplifier:
+        """Return a simplifier that ends sooner, to compare paths: it keeps their clearance, but does not add to it."""
+        other = self.refined(-1)
+        other.gains_clearance = False
+        return other
 
     def begin(
         self, path: ArrayLike, stop: Stop, on_better: Better | None = None, *, proven: bool = False
@@ -242,6 +249,8 @@ class SimplificationRun:
             self._obstacles = self._obstacles.afresh(_ALLOWANCE * ends)
             kept = min(least, self._simplifier.most_kept)
             self._proofs.keep(max(0.0, kept - SAME_CLEARANCE) if np.isfinite(kept) else 0.0)
+        if not self._simplifier.gains_clearance:
+            self._obstacles = None
         self._cost = ActiveSetCost(self._danger, self._obstacles, self.best)
         self._best.ceiling = self._cost.ceiling
 
