@@ -90,21 +90,6 @@ def test_verdicts_are_those_of_coal_alone(robot_named, clutter, monkeypatch, nam
     assert by_bounds.margin_queries + by_bounds.collision_queries < 0.5 * checker.counts.queries
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-@pytest.mark.parametrize("margin", [0.0, 0.03])
-def test_edges_together_are_proven_as_one_by_one(robot_named, clutter, name, margin):
-    robot = robot_named(name)
-    motion = MotionProver(CollisionChecker(robot, clutter), separation=Separation(margin=margin))
-    starts, ways = map(np.array, zip(*edges(robot, 1000, longest=0.6), strict=True))
-    ends = starts + ways
-    ends[::70] = robot.upper + 1.0
-    alone = [motion.is_free(start, end) for start, end in zip(starts, ends, strict=True)]
-    assert 100 < sum(alone) < 900
-    for workers in (1, 3):
-        assert motion.are_free(starts, ends, workers=workers).tolist() == alone
-    assert motion.are_free(np.asfortranarray(starts), np.asfortranarray(ends)).tolist() == alone
-
-
 def test_nothing_is_kept_from_one_edge_to_the_next(ur5, clutter):
     checker = CollisionChecker(ur5, clutter)
     asked = edges(ur5, 30)

@@ -97,7 +97,7 @@ def test_what_bounds_prove_of_many_curves_is_free(panda, clutter):
 
 
 @given(seeds)
-@settings(max_examples=8)
+@settings(max_examples=5)
 def test_every_motion_within_a_proven_tube_is_free(ur5, clutter, seed):
     rng = np.random.default_rng(seed)
     motion = Motion.of(spline(ur5, seed, spread=0.3)).for_robot(ur5)

@@ -35,7 +35,7 @@ def franka(panda):
 def test_limits_hold_at_every_instant(robot_named, free, name, blend, jerk, assert_within_limits):
     robot, rng = robot_named(name), np.random.default_rng(3)
     low, high = np.maximum(robot.lower, -2.5), np.minimum(robot.upper, 2.5)
-    for _ in range(4):
+    for _ in range(3):
         path = robot.unrolled(rng.uniform(low, high, (rng.integers(2, 6), robot.n)))
         kinds = (rng.uniform(*span, robot.n) for span in ((0.5, 3), (1, 20), (5, 5000))[: 2 + jerk])
         limits, motion = RateLimits.of(robot, *kinds), free if blend else None
@@ -226,7 +226,7 @@ def test_corners_that_hardly_turn(panda, shelf_path, shelf_motion, panda_limits)
 def test_limits_hold_between_points_at_any_rate(panda, shelf_path, shelf_motion, jerk, blends):
     limits = RateLimits.of(panda, acceleration=8.0, jerk=jerk)
     trajectory = time_path(shelf_path, panda, limits, motion=shelf_motion if blends else None)
-    for rate in (50.0, 123.4, 1000.0):
+    for rate in (50.0, 123.4):
         times, points = trajectory.points(rate)
         assert list(points) == ["positions", "velocities", "accelerations"][: 2 if jerk is None else 3]
         motion = Motion.hermite(times, *points.values(), names=panda.joint_names)
@@ -271,7 +271,7 @@ def test_bad_requests(panda, ur5, shelf_path, panda_limits):
 
 def test_the_first_rate_is_the_optimum_of_a_linear_programme(rng):
     """In one cell, with ṡ² at both of its ends as unknowns; half of the boxes have an edge at 0."""
-    for _ in range(100):
+    for _ in range(40):
         slopes, bends = np.sort(rng.normal(size=(2, 2, 1, 4)) * (rng.uniform(size=(1, 1, 1, 4)) < 0.8), axis=1)
         h, limits, most = rng.uniform(0.01, 0.3), rng.uniform(0.5, 3, 4), np.array([9.0, rng.uniform(0, 3)])
         p, c = (part.ravel() for part in np.broadcast_arrays(slopes[:, None, 0] / (2 * h), bends[None, :, 0]))

@@ -35,6 +35,7 @@ def splines(seed):
     return t, q, v, a, made
 
 
+@settings(max_examples=15)
 @given(st.integers(0, 10**6))
 def test_motions_of_scipy_are_the_same_functions(seed):
     *_, found = splines(seed)
@@ -51,6 +52,7 @@ def test_motions_of_scipy_are_the_same_functions(seed):
             )
 
 
+@settings(max_examples=20)
 @given(st.integers(0, 10**6), st.booleans())
 def test_boxes_of_cells_hold_all_derivatives_and_no_more_than_they_must(seed, timed):
     rng = np.random.default_rng(seed)
@@ -107,7 +109,7 @@ def de_boor(knots, held, degree, t):
     return row[0]
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(st.integers(0, 10**6), st.sampled_from([1, 3, 5, 9, 15]))
 def test_rounding_is_within_its_bound(seed, degree):
     rng = np.random.default_rng(seed)
@@ -150,6 +152,7 @@ def test_where_coefficients_cancel_proofs_allow_for_the_rounding_of_the_places_t
     assert not Motion([0.0, 1.0], [[[3.0], [1.0], [-2.0]]]).allowance.any()
 
 
+@settings(max_examples=20)
 @given(st.integers(0, 10**6))
 def test_hermite_pieces_are_what_the_ros_controller_interpolates(seed):
     t, q, v, a, _ = splines(seed)
@@ -174,6 +177,7 @@ def test_pieces_beside_a_point_without_rates_are_of_lower_degree():
         Motion.hermite(t, q, [v[0], v[1], v[2], None, v[4]], a)
 
 
+@settings(max_examples=25)
 @given(st.integers(0, 10**6))
 def test_no_motion_of_bounded_velocity_leaves_the_slack_of_its_samples(seed):
     rng = np.random.default_rng(seed)

@@ -4,16 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 from safe_ompl import InputError, Motion, RateLimits
 from safe_ompl.common.polynomials import peaks
 from safe_ompl.motions import rate_violations
 from safe_ompl.motions.rates import extremes
 
-FINE = np.linspace(0.0, 1.0, 4001)
+FINE = np.linspace(0.0, 1.0, 1001)
 
 
+@settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(0, 15))
 def test_peaks_of_polynomials(seed, degree):
     rng = np.random.default_rng(seed)
@@ -35,6 +36,7 @@ def bezier(row, u):
     return points[0]
 
 
+@settings(max_examples=15)
 @given(st.integers(0, 10**6))
 def test_no_sample_is_outside_the_extremes(seed):
     rng = np.random.default_rng(seed)

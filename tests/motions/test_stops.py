@@ -58,16 +58,16 @@ def test_nobody_is_reached_in_a_stop_of_a_proven_motion(panda, shelf, panda_limi
     assert found, found
     assert pickle.loads(pickle.dumps(found)).claims == found.claims
     assert found.claims[-1].endswith("beside people")
-    assert 0 < left_beside(found, limbs, 40) < 0.1
+    assert 0 < left_beside(found, limbs, 25) < 0.1
     hasty = check(spline(0.6 * slow), panda, shelf.scene, limits=panda_limits, people=people)
     (worst, *_) = [v for v in hasty.violations if v.kind == "separation" and v.decided]
     assert worst.names[1].startswith("operator (")
     assert worst.value < worst.limit == people.clearance
     assert hasty.motion.times[0] <= worst.first <= worst.at <= worst.last <= hasty.motion.times[-1]
-    assert left_beside(hasty, limbs, 40) < 0  # the adversary can win
+    assert left_beside(hasty, limbs, 25) < 0  # the adversary can win
 
 
-def stairs(at, count=4000, step=0.99e-6, span=1e-7):
+def stairs(at, count=800, step=0.99e-6, span=1e-7):
     """Return pieces at rest, each a step from the one before, at 9.9 rad/s; and a rest."""
     held = np.zeros((count + 1, 2, len(at)))
     held[:, 0] = at

@@ -108,7 +108,7 @@ def test_a_check_is_of_the_numbers_as_they_stand(wheel, tmp_path, form, path, an
         assert SafeSetup(wheel, others, danger=None).repair(motion).how == "unchanged"
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20)
 @given(path=st.lists(st.floats(-7.0, 7.0), min_size=2, max_size=4), angle=st.floats(-3.1, 3.1))
 def test_nothing_that_passes_an_obstacle_is_proven(wheel, path, angle):
     """By the numbers as they stand, of all that takes a path; the short way where a path of OMPL has states."""
@@ -134,7 +134,7 @@ def test_nothing_that_passes_an_obstacle_is_proven(wheel, path, angle):
             assert call()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20)
 @given(path=st.lists(st.floats(-3.1, 3.1), min_size=2, max_size=4), angle=st.floats(-3.1, 3.1))
 def test_states_of_a_circle_are_joined_the_short_way(wheel, path, angle):
     path, others = [float(q) for q in path], scene(angle)
