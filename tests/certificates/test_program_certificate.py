@@ -166,25 +166,9 @@ def be_elsewhere(content):
     content["scene"]["content"]["obstacles"][0]["position"][2] -= 0.01
 
 
-def have_no_pole(content):
-    del content["scene"]["content"]["obstacles"][2]
-
-
-def have_wider_limits(content):
-    content["robot"]["recipe"]["limits"] = {"panda_joint1": [-3.0, 3.0]}
-
-
 def hold_a_rod(content):
     rod = {"name": "rod", "link": "panda_hand_tcp", "sphere": {"radius": 0.001}, "position": [0.15, 0, -0.05]}
     content["robot"]["recipe"]["attached"] = [rod]
-
-
-def stand_elsewhere(content):
-    content["robot"]["recipe"]["base"] = {"position": [0.0, 0.0, 0.001]}
-
-
-def have_another_tip(content):
-    content["robot"]["recipe"]["tip"] = "panda_hand"
 
 
 def check_fewer_pairs(content):
@@ -212,11 +196,7 @@ FORGED = [
     (claim_a_distance_from_what_is_touched, "clearance.obstacles: 'table' may be touched"),
     (claim_a_margin, "margin: .* may be touched"),
     (be_elsewhere, "the scene has changed"),
-    (have_no_pole, "the scene has changed"),
-    (have_wider_limits, "the robot has changed"),
     (hold_a_rod, "the robot has changed"),
-    (stand_elsewhere, "the robot has changed"),
-    (have_another_tip, "the robot has changed"),
     (check_fewer_pairs, "the robot has changed"),
 ]
 

@@ -278,7 +278,6 @@ def test_without_danger_points_danger_is_zero(panda, rng, points, aggregate, wei
     [
         ({"points": [[0, 0, np.nan]]}, "danger points: must be finite"),
         ({"points": [[0, 0]]}, r"danger points: must have shape \(any, 3\), got \(1, 2\)"),
-        ({"points": [0.0, 0, 0]}, r"danger points: must have shape \(any, 3\), got \(3,\)"),
         ({"points": "here"}, "danger points: must be numbers"),
         ({"weights": [1.0]}, r"danger weights: must have shape \(9\), got \(1,\)"),
         ({"weights": [0.0] + [-1.0] * 8}, r"danger weights must be positive, got \[0.0, -1.0"),
@@ -286,9 +285,7 @@ def test_without_danger_points_danger_is_zero(panda, rng, points, aggregate, wei
         ({"aggregate": "sum"}, "unknown aggregate 'sum'; known: max, mean, softmax"),
         ({"weighting": "mass"}, "unknown weighting 'mass'; known: unit, length"),
         ({"k1": 0.0}, "k1: must be a positive number, got 0.0"),
-        ({"k1": "one"}, "k1: must be a positive number, got 'one'"),
         ({"sharpness": -1.0}, "sharpness: must be a positive number, got -1.0"),
-        ({"sharpness": math.inf}, "sharpness: must be a positive number, got inf"),
         ({"k2": -1}, "k2: must be a finite number >= 0"),
         ({"gamma": np.nan}, "gamma: must be a finite number >= 0"),
     ],

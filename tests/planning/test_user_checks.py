@@ -134,7 +134,6 @@ def test_motions_are_sampled_with_both_ends(setup):
     ("arguments", "message"),
     [
         ((lambda state: None,), "must return a bool"),
-        ((lambda state: 1,), "must return a bool"),
         ((5,), "must be an ob.StateValidityChecker or a function of a state, got 5"),
         ((low_only, 0.0), "resolution: must be a positive distance"),
     ],

@@ -71,7 +71,7 @@ def coals(first, second):
 @pytest.mark.parametrize(("name", "other"), list(combinations_with_replacement(SOLIDS, 2)))
 def test_tight_bounds_of_what_is_represented_exactly(rng, name, other):
     apart = 0
-    for _ in range(25):
+    for _ in range(15):
         first, second = placed(SOLIDS[name](rng), rng, 0.6), placed(SOLIDS[other](rng), rng, 0.6)
         lower, upper = bounds(first, second)
         distance = coals(first, second)
@@ -83,13 +83,13 @@ def test_tight_bounds_of_what_is_represented_exactly(rng, name, other):
         if distance < -1e-3:
             assert lower < 0
             assert upper <= 0
-    assert apart >= 3
+    assert apart >= 2
 
 
 @pytest.mark.parametrize("other", ["box", "polytope"])
 @pytest.mark.parametrize("name", OTHERS)
 def test_what_is_enclosed_is_not_farther_than_it_is(rng, name, other):
-    for _ in range(20):
+    for _ in range(12):
         first, second = placed(OTHERS[name](rng), rng, 0.6), placed(SOLIDS[other](rng), rng, 0.6)
         assert bounds(first, second)[0] <= coals(first, second) + ERROR
 

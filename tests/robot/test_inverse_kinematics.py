@@ -4,10 +4,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import InputError
+from safe_ompl import InputError, Robot, Scenario
 from safe_ompl.robot import (
     METRES_PER_RADIAN,
+    Frames,
     Place,
+    Tip,
     approach,
     limited_step,
     motion_limits,
@@ -131,3 +133,34 @@ def test_solutions_reach_the_place_within_limits(robot_named, rng, name, share, 
             assert (q >= robot.lower).all()
             assert (q <= robot.upper).all()
     assert found >= 30 * share
+
+
+def angle_between(own, wanted, axis):
+    """Return the angle between two orientations, or between an axis of both."""
+    if axis is None:
+        return np.linalg.norm(pin.log3(wanted @ own.T))
+    a, b = own @ axis, wanted @ axis
+    return np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "planar3"])
+@pytest.mark.parametrize("free", [None, 0, 1, 2])
+def test_solutions_are_found_from_where_the_tip_is_half_a_turn_off(rng, name, free):
+    """As often as from a bit less than half a turn: the error has a direction there, which joints can follow."""
+    robot = Robot(Scenario.load(name).robot) if name == "planar3" else Robot.from_example(name)
+    tip, solved = Tip(robot, None if free is None else np.eye(3)[free]), []
+    Q = rng.uniform(robot.lower, robot.upper, (60, robot.n))
+    state = tip.at(Q)
+    for turn in (pin.utils.rotate("z", np.pi), pin.utils.rotate("z", np.pi - 0.1)):
+        poses = state.positions * 0.8, turn @ state.rotations
+        frames = Frames(*poses, np.zeros((60, 3)), np.zeros((60, 3)))
+        found, arrived = tip.solved(Q, frames, 1e-6, 60)
+        for q, position, rotation in zip(found[arrived], *(part[arrived] for part in poses), strict=True):
+            there = robot.tip_pose(q)
+            assert np.linalg.norm(there.translation - position) < 1e-5
+            assert angle_between(there.rotation, rotation, tip.free_axis) < 1e-5
+        solved.append(arrived.sum())
+    assert solved[0] >= 0.8 * solved[1] > 3
+    _, jacobians = tip.task(state, frames)
+    still = tip.null_motion(jacobians, rng.normal(size=Q.shape))
+    np.testing.assert_allclose(np.einsum("bxn,bn->bx", jacobians, still), 0.0, atol=1e-3)

@@ -67,18 +67,18 @@ def test_what_is_drawn_is_inside_and_documents_are_read_back(region, rng):
 
 @pytest.mark.parametrize("region", NAMES)
 def test_the_nearest_pose_is_inside_and_none_that_is_drawn_is_nearer(region, rng):
-    drawn = [region.sample(rng) for _ in range(4000)]
-    for pose in poses(rng, 6):
+    drawn = [region.sample(rng) for _ in range(2500)]
+    for pose in poses(rng, 4):
         position, rotation = region.nearest(pose)
         assert holds(region, position, rotation, 1e-7)
         distance, sampled = region.distance(pose), sampled_distance(drawn, pose)
         assert distance <= sampled + 1e-9
-        assert sampled <= distance + 0.06, "samples are dense enough to say how far it is"
+        assert sampled <= distance + 0.07, "samples are dense enough to say how far it is"
 
 
 def test_of_many_orientations_none_is_nearer(rng):
     """Random bounds of all three angles: the search must not end in a corner that is not the best."""
-    for _ in range(40):
+    for _ in range(25):
         ends = np.sort(rng.uniform([[-3], [-1.5], [-3]], [[3], [1.5], [3]], (3, 2)), axis=1)
         region = GoalRegion(roll=ends[0], pitch=ends[1], yaw=ends[2])
         grids = np.stack(np.meshgrid(*[np.linspace(*bounds, 12) for bounds in ends]), -1).reshape(-1, 3)

@@ -167,7 +167,6 @@ def test_other_limits_leave_the_rest_and_the_robot_alone(panda):
         ("bad.urdf", "<sdf/>", "not a URDF: the outermost tag is <sdf>, not <robot>"),
         ("bad.urdf", "<robot name='x'/>", "not a valid URDF"),
         ("bad.srdf", "<robot name='x'><disable_collisions", "bad.srdf: not a valid SRDF"),
-        ("bad.srdf", "no XML at all", "bad.srdf: not a valid SRDF"),
         ("bad.urdf", None, "URDF file '.*bad.urdf' does not exist"),
         ("bad.srdf", None, "SRDF file '.*bad.srdf' does not exist"),
         ("nowhere", None, "package folder '.*nowhere' does not exist"),

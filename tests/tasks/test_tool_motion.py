@@ -8,7 +8,7 @@ import pytest
 
 import safe_ompl
 from safe_ompl import Box, InputError, Motion, Obstacle, Pose, Robot, Scenario, Scene, inverse_kinematics
-from safe_ompl.robot import Frames, Tip
+from safe_ompl.robot import Tip
 from safe_ompl.tasks import Corridor, ToolPath, plan_tool, prove_corridor, tool_motion
 
 DOWN = pin.utils.rotate("x", np.pi)
@@ -34,7 +34,7 @@ def angle_between(own, wanted, axis):
     return np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
 
 
-def deviations(robot, motion, path, corridor, number=1500):
+def deviations(robot, motion, path, corridor, number=800):
     """Return the largest deviations of position and angle at samples, by plain Pinocchio."""
     model, data = robot.model, robot.model.createData()
     s = np.linspace(0.0, path.length, number)
@@ -88,7 +88,7 @@ def test_proofs_agree_with_samples(arm, wide, axis):
     rng, path, corridor = np.random.default_rng(3), PATHS["line"], Corridor(wide, 10 * wide, axis)
     good = tool_motion(path, arm, SCENE, Corridor(0.0005, 0.01, axis)).along
     verdicts = []
-    for size in np.geomspace(1e-5, 0.03, 6):
+    for size in np.geomspace(1e-5, 0.03, 4):
         bent = (
             good.coefficients + rng.normal(size=(1, 1, arm.n)) * size * np.array([0, 1, -1, 0])[:, None] / good.pieces
         )
@@ -143,27 +143,6 @@ def test_the_tool_turns_half_a_turn_in_place(axis, spline):
     assert turned <= found.proof.angle <= 0.01
     ends = [robot.tip_pose(q).rotation for q in found.motion.knots[[0, -1]]]
     assert np.linalg.norm(pin.log3(ends[1] @ ends[0].T)) == pytest.approx(np.pi, abs=1e-6)
-
-
-@pytest.mark.parametrize("name", ["panda", "ur5", "planar3"])
-@pytest.mark.parametrize("free", [None, "x", "y", "z"])
-def test_solutions_are_found_from_where_the_tip_is_half_a_turn_off(rng, name, free):
-    """As often as from a bit less than half a turn: the error has a direction there, which joints can follow."""
-    robot = Robot(Scenario.load(name).robot) if name == "planar3" else Robot.from_example(name)
-    tip, solved = Tip(robot, Corridor(free_axis=free).axis), []
-    Q = rng.uniform(robot.lower, robot.upper, (60, robot.n))
-    state = tip.at(Q)
-    turns = np.array([pin.utils.rotate("z", np.pi), pin.utils.rotate("z", np.pi - 0.1)])
-    for turn in turns:
-        poses = state.positions * 0.8, turn @ state.rotations
-        frames = Frames(*poses, np.zeros((60, 3)), np.zeros((60, 3)))
-        found, arrived = tip.solved(Q, frames, 1e-6, 60)
-        for q, position, rotation in zip(found[arrived], *(part[arrived] for part in poses), strict=True):
-            there = robot.tip_pose(q)
-            assert np.linalg.norm(there.translation - position) < 1e-5
-            assert angle_between(there.rotation, rotation, tip.free_axis) < 1e-5
-        solved.append(arrived.sum())
-    assert solved[0] >= 0.8 * solved[1] > 3
 
 
 def test_it_begins_where_the_arm_is(arm):

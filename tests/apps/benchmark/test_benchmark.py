@@ -203,7 +203,6 @@ def test_what_is_said_once_is_said_once_though_every_process_has_to_say_it(caplo
         ((), 1, 1, "at least one"),
         (("RRT", "RRT"), 1, 1, "twice"),
         (PLANNERS, 0, 1, "runs"),
-        (PLANNERS, 1.5, 1, "runs"),
         (("RRTConnect", "Fly"), 1, 1, "'Fly'"),
         (PLANNERS, 1, 0, "workers"),
     ],

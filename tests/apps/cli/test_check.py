@@ -362,7 +362,6 @@ def test_files_of_another_kind_are_refused_and_nothing_is_written(refuses, tmp_p
             "--json: 'a.json' is written by --repair already: give another file",
         ),
         (("--tube", "wide"), "argument --tube: must be a positive number, not 'wide'"),
-        (("--tube", "-1"), "argument --tube: must be a positive number, not '-1'"),
         (("--tube", "joint1=0.1"), "--tube: no value for 'joint2', 'joint3'"),
         (("--tube", "elbow=0.1"), "--tube: unknown joint 'elbow'; known: joint1, joint2, joint3"),
         (("--tube", "joint1=0.1,joint1=0.2"), "argument --tube: 'joint1' is given twice"),

@@ -70,7 +70,6 @@ def test_ompls_flag_in_the_place_of_the_name_has_no_effect_and_that_is_said(poin
         ("turns", 2.0, "turns: must be"),
         ("works", 1, "works: must be true or false, got 1"),
         ("works", "off", "works: must be true or false"),
-        ("works", None, "works: must be true or false"),
         ("colour", "red", "unknown parameter of Declared 'colour'; known: length, range, share"),
     ],
 )
