@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
+from edges import kept_within_limits
 from hypothesis import assume, given, settings, strategies as st
 from signing import claimed, signed
 
@@ -37,7 +38,7 @@ def free_path(robot, scene, seed, edges=1):
     motion, path = motion_of(robot, scene), [rng.uniform(robot.lower, robot.upper)]
     for _ in range(60):
         end = path[-1] + rng.uniform(0, 1) * rng.normal(size=robot.n) / np.sqrt(robot.n)
-        end = np.where(robot.continuous, end, np.clip(end, robot.lower, robot.upper))
+        end = kept_within_limits(robot, end)
         if motion.is_free(path[-1], end):
             path.append(end)
         if len(path) > edges:
@@ -48,9 +49,9 @@ def free_path(robot, scene, seed, edges=1):
 @pytest.fixture(scope="module")
 def path(ur5, clutter):
     """Three edges of a UR5 that pass near something: they are divided often."""
-    paths = (free_path(ur5, clutter, seed, 3) for seed in range(200))
-    free = (path for path in paths if path is not None)
-    return next(path for path in free if verify(certificate(path, ur5, clutter)).intervals >= 30)
+    path = free_path(ur5, clutter, 113, 3)
+    assert verify(certificate(path, ur5, clutter)).intervals >= 30
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +68,7 @@ def tampered(written):
 # ------------------------------------------------------------------------------------------------- what holds
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(st.sampled_from(ROBOTS), seeds)
 def test_what_is_written_is_verified(robot_named, clutter, name, seed):
     robot = robot_named(name)
@@ -213,9 +214,10 @@ def dangerous(scene, name="ball"):
     return scene.without(name).with_obstacles(Obstacle(name, ball.shape, ball.pose, weight=1.5))
 
 
-@pytest.mark.parametrize("aggregate", ["max", "mean", "softmax"])
-@pytest.mark.parametrize("weighting", ["unit", "length"])
-@pytest.mark.parametrize("name", ["ur5", "slider"])
+@pytest.mark.parametrize(
+    ("name", "aggregate", "weighting"),
+    [("ur5", "max", "unit"), ("ur5", "softmax", "length"), ("slider", "mean", "length"), ("slider", "max", "unit")],
+)
 def test_a_claim_of_danger(robot_named, clutter, name, aggregate, weighting):
     robot, scene = robot_named(name), dangerous(clutter)
     path = next(p for seed in range(80) if (p := free_path(robot, scene, seed, 2)) is not None)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.optimize import linprog
 
@@ -27,6 +27,7 @@ def weighted_gaps(draw):
     return tuple(draw(hnp.arrays(float, (1, joints), elements=WEIGHTS)) for _ in range(2))
 
 
+@settings(max_examples=40)
 @given(data=radii_and_distances(), seed=st.integers(0, 99))
 def test_the_link_diamond_holds_the_papers_lies_within_the_bubble_and_touches_it_on_every_axis(data, seed):
     radii, distances = data
@@ -62,6 +63,7 @@ def gap_by_linear_programme(u, v):
     return solution.fun
 
 
+@settings(max_examples=40)
 @given(gaps=weighted_gaps())
 def test_diamonds_meet_where_the_linear_programme_says(gaps):
     u, v = gaps

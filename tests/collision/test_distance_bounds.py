@@ -38,14 +38,14 @@ def proof(pairs, start, delta):
 def test_what_stands_still_in_the_middle_is_not_proven_if_it_touches_at_its_ends(robot_named, clutter, name, alone):
     robot, rng, touching = robot_named(name), np.random.default_rng(0), 0
     checker = CollisionChecker(robot, Scene() if alone else clutter)
-    for _ in range(400):
+    for _ in range(250):
         middle, out = rng.uniform(robot.lower, robot.upper), rng.normal(size=robot.n)
         out *= 0.3 / np.linalg.norm(out)
         if checker.touches(middle + out) and not checker.touches(middle):
             touching += 1
             least = Required(np.full(len(checker.pairs.names), ALLOWANCE))
             assert not checker.pairs.bounds.prove((middle + out, -4 * out, 4 * out), least, FLOOR).proven
-    assert touching >= 5
+    assert touching >= 3
 
 
 @pytest.mark.parametrize("name", ROBOTS)

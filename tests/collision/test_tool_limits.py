@@ -67,6 +67,10 @@ def test_what_is_proven_holds_at_every_sample(robot_named, rng, name, made, pair
             assert verdict.verdict is Verdict.BLOCKED, "no motion at random is as near to its limit as the floor"
             assert excess(limit, start + verdict.at * delta) > 0.0
             assert verdict.pair == pair
+        steps = rng.uniform(0.0, 0.1, robot.n)
+        corners = start + steps * rng.choice([-1.0, 1.0], (20, robot.n))
+        assert not limit.holds_within(start, steps) or max(excess(limit, q) for q in corners) <= 0.0
+        assert limit.holds_within(start, 0.0 * steps) == (excess(limit, start) < 0.0)
     assert seen == {Verdict.FREE, Verdict.BLOCKED}
 
 

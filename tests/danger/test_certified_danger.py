@@ -55,7 +55,7 @@ def densely(robot, path, number=200):
 # ------------------------------------------------------------------------------------------- moving key points
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(robots, seeds)
 def test_velocity_and_acceleration_of_key_points(robot_named, name, seed):
     robot, h = robot_named(name), 1e-4
@@ -68,7 +68,7 @@ def test_velocity_and_acceleration_of_key_points(robot_named, name, seed):
     np.testing.assert_allclose(acceleration, (after - 2 * here + before) / h**2, atol=1e-5)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(robots, seeds)
 def test_rates_are_bounds(robot_named, name, seed):
     robot = robot_named(name)
@@ -90,7 +90,7 @@ def test_rates_are_bounds(robot_named, name, seed):
 # -------------------------------------------------------------------------------------------------------- chords
 
 
-@settings(max_examples=100)
+@settings(max_examples=60)
 @given(seeds, st.floats(0.0, 0.5))
 def test_chords_lie_above_the_field_of_a_moving_link(seed, duration):
     rng = np.random.default_rng(seed)
@@ -113,7 +113,7 @@ def test_chords_lie_above_the_field_of_a_moving_link(seed, duration):
 # --------------------------------------------------------------------------------------------- edges and paths
 
 
-@settings(max_examples=80)
+@settings(max_examples=50)
 @given(
     robots,
     st.sampled_from(AGGREGATES),
@@ -155,7 +155,7 @@ def test_a_link_that_passes_through_a_danger_point_is_not_bounded(panda):
 # -------------------------------------------------------------------------------------------------------- limits
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(robots, seeds, st.floats(0.7, 1.3))
 def test_verdicts_on_limits(robot_named, name, seed, share):
     robot = robot_named(name)
@@ -229,7 +229,7 @@ def test_the_peak_of_one_configuration_and_without_danger_points(panda, points):
         assert DangerLimit(field, 0.1).check(path[0], path[1]).verdict is Verdict.FREE
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(robots, st.sampled_from(["unit", "length"]), seeds, st.floats(0.0, 0.2))
 def test_what_holds_within_a_box_of_configurations(robot_named, name, weighting, seed, width):
     robot, rng = robot_named(name), np.random.default_rng(seed)

@@ -28,7 +28,7 @@ def mesh(vertices):
 
 CASES = {
     "cylinder": (cylinder(260), 1e-5),
-    "many sides": (cylinder(1000), 1e-5),
+    "many sides": (cylinder(500), 1e-5),
     "disc": (cylinder(600, 0.002), 1e-4),
     "cone": (cone(300), 5e-4),
     "steep cone": (cone(300) * [1, 1, 30], 5e-3),

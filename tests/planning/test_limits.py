@@ -33,36 +33,7 @@ def danger_of(setup, path):
     return setup.field.values(densely(setup.robot, path)).max()
 
 
-def nearest_to_person(setup, path):
-    of_person = [k for k, (_, name) in enumerate(setup.checker.distance_names) if name == "person"]
-    return min(setup.checker.distances(q)[of_person].min() for q in densely(setup.robot, path)[::10])
-
-
-def test_without_limits_paths_are_more_dangerous_and_come_nearer(setup):
-    paths = [setup.plan("ClassicRRTConnect", time=20.0, seed=seed).path for seed in range(5)]
-    assert max(danger_of(setup, path) for path in paths) > LIMIT
-    assert min(nearest_to_person(setup, path) for path in paths) < CLEARANCE
-
-
 # ------------------------------------------------------------------------------------------------------ danger
-
-
-@pytest.mark.parametrize("planner", ["SafeRRTConnect", "SafeJTRRT", "SafePRM", "BubblePlanner", "RRTConnect"])
-def test_whoever_plans_keeps_to_the_limits_of_the_setup(setup, planner):
-    setup.setMaxDanger(LIMIT)
-    setup.setMinClearance(CLEARANCE)
-    for seed, simplify in enumerate((False, True)):
-        result = setup.plan(planner, time=20.0, seed=seed, simplify=simplify)
-        assert result.certified
-        assert danger_of(setup, result.path) <= LIMIT
-        assert nearest_to_person(setup, result.path) > CLEARANCE - 1e-4
-
-
-@pytest.mark.parametrize("planner", ["SafeRRTConnect", "RRTConnect"])
-def test_paths_keep_what_a_person_may_walk(setup, planner):
-    setup.setMovingObstacles({"person": 0.2}, 0.2)
-    result = setup.plan(planner, time=20.0, seed=1, simplify=0.2)
-    assert nearest_to_person(setup, result.path) > 0.04 - 1e-4
 
 
 @pytest.mark.parametrize("planner", ["SafeRRTConnect", "SafePRM", "RRTConnect"])

@@ -1,11 +1,11 @@
-"""Paths of others, as of OMPL's own SimpleSetup, are proven or repaired; tubes about paths are free."""
+"""Paths of others, as of OMPL's own SimpleSetup, are proven or repaired."""
 
 import numpy as np
 import pytest
 from ompl import geometric as og
 
 import safe_ompl
-from safe_ompl import Box, CollisionChecker, InputError, Obstacle, Pose, SafeSetup, Scene
+from safe_ompl import Box, Obstacle, Pose, SafeSetup, Scene
 from safe_ompl.robot import ScratchState, StateBridge, joint_space
 
 START = np.array([-0.8, 0.3, 0.0, -2.0, 0.0, 2.3, 0.8])
@@ -50,22 +50,3 @@ def test_a_setup_checks_under_its_own_constraints(setup, panda, wall):
     assert not found
     assert found.violations[0].kind == "clearance"
     assert found.violations[0].limit == pytest.approx(least + 0.02, abs=1e-4)
-
-
-@pytest.mark.parametrize("planner", ["SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect"])
-def test_every_motion_in_the_tube_about_a_planned_path_is_free(panda, wall, rng, planner):
-    setup = SafeSetup(panda, wall)
-    setup.setConfigurations(START, GOAL)
-    setup.setTube(0.02)
-    result = setup.plan(planner, time=20.0, simplify=0.5)
-    assert result, result.status
-    assert result.report.certified
-    checker, motion = CollisionChecker(panda, wall), safe_ompl.Motion.through(result.path)
-    assert safe_ompl.check(motion, panda, wall, tube=0.02)
-    for t in np.linspace(0, motion.duration, 400):
-        for corner in rng.choice([-0.02, 0.02], (3, 7)):
-            assert not checker.in_collision(motion.at(t) + corner)
-    setup.setTube(0.0)
-    assert setup.getConstraints().separation.tube == ()
-    with pytest.raises(InputError, match="tube"):
-        setup.setTube([0.1, 0.1])

@@ -29,7 +29,6 @@ from safe_ompl.scene.constraints import PathLimits, TipBox
 DOWN = np.diag([1.0, -1.0, -1.0])
 LIMIT = np.radians(30.0)
 SIDES = ([0.4, 0.4, 0.4], [0.4, -0.4, 0.4])  # of the pillar
-PLANNERS = ["SafeRRTConnect", "SafeJTRRT", "SafePRM", "BubblePlanner", "ClassicRRTConnect", "RRTConnect"]
 
 
 @pytest.fixture(scope="module")
@@ -38,23 +37,18 @@ def scene():
 
 
 @pytest.fixture(scope="module")
-def ends(robot_named, scene):
-    """Return a function from a robot's name to a start and a goal with a cup upright in the hand."""
-
-    def find(name):
-        robot = robot_named(name)
-        checker = CollisionChecker(robot, scene)
-        options = {"valid": lambda q: not checker.in_collision(q)}
-        start = inverse_kinematics(robot, SIDES[0], DOWN, **options)
-        return start, inverse_kinematics(robot, SIDES[1], DOWN, near=start, **options)
-
-    return {name: find(name) for name in ("ur5", "panda")}
+def ends(ur5, scene):
+    """Return a start and a goal with a cup upright in the hand."""
+    checker = CollisionChecker(ur5, scene)
+    options = {"valid": lambda q: not checker.in_collision(q)}
+    start = inverse_kinematics(ur5, SIDES[0], DOWN, **options)
+    return start, inverse_kinematics(ur5, SIDES[1], DOWN, near=start, **options)
 
 
 @pytest.fixture
 def setup(ur5, scene, ends):
     setup = SafeSetup(ur5, scene)
-    setup.setConfigurations(*ends["ur5"])
+    setup.setConfigurations(*ends)
     return setup
 
 
@@ -68,27 +62,9 @@ def tilts(robot, path, start):
     return np.array([np.arccos(min(1.0, (robot.tip_pose(q).rotation @ cup)[2])) for q in densely(robot, path)])
 
 
-@pytest.mark.parametrize(
-    ("name", "planner"),
-    [*(("ur5", planner) for planner in PLANNERS), *(("panda", name) for name in ("SafeJTRRT", "RRTConnect"))],
-)
-def test_whoever_plans_keeps_the_cup_upright(robot_named, scene, ends, name, planner):
-    robot = robot_named(name)
-    setup = SafeSetup(robot, scene)
-    start, goal = ends[name]
-    setup.setConfigurations(start, goal)
-    if planner == "SafeJTRRT":
-        setup.setWorkspaceGoal(SIDES[1], DOWN)
-    setup.setToolConstraint(angle=LIMIT)
-    result = setup.plan(planner, seed=1, time=10.0)
-    assert result
-    assert tilts(robot, result.path, start).max() <= LIMIT
-    assert result.report.validation.claims == ("collision", "tool orientation")
-
-
 def test_simplification_keeps_the_cup_upright_and_other_paths_are_refused(setup, ends):
     spilling = setup.plan(seed=1, time=8.0).path
-    assert tilts(setup.robot, spilling, ends["ur5"][0]).max() > LIMIT
+    assert tilts(setup.robot, spilling, ends[0]).max() > LIMIT
     assert setup.is_free(spilling)
     setup.setToolConstraint(angle=LIMIT)
     refused = setup.is_free(spilling)
@@ -96,7 +72,7 @@ def test_simplification_keeps_the_cup_upright_and_other_paths_are_refused(setup,
     assert "'tool orientation' and 'its limit'" in refused.why
     result = setup.plan(seed=1, time=8.0, simplify=True)
     assert not np.array_equal(result.path, result.planned_path)
-    assert tilts(setup.robot, result.path, ends["ur5"][0]).max() <= LIMIT
+    assert tilts(setup.robot, result.path, ends[0]).max() <= LIMIT
     setup.setToolConstraint()
     assert tool_limit(setup, ToolOrientation) is None
     assert setup.is_free(spilling)
@@ -104,7 +80,7 @@ def test_simplification_keeps_the_cup_upright_and_other_paths_are_refused(setup,
 
 def test_states_and_regions_know_of_it(ur5, scene, ends):
     setup = SafeSetup(ur5, scene)
-    setup.setStartConfiguration(ends["ur5"][0])
+    setup.setStartConfiguration(ends[0])
     setup.setToolConstraint(angle=LIMIT)
     turned = {"roll": (np.pi - 1.0, np.pi + 1.0), "pitch": (-1.0, 1.0)}  # many of these spill
     setup.setGoalRegion(GoalRegion(Pose(SIDES[1]), x=(-0.05, 0.05), y=(-0.05, 0.05), **turned))
@@ -124,7 +100,7 @@ def test_a_start_that_spills(setup, ends):
     assert setup.plan(seed=1, time=8.0)
     tilted = inverse_kinematics(setup.robot, SIDES[1], pin.rpy.rpyToMatrix(0.6, 0, 0) @ DOWN)
     with pytest.raises(CollisionError, match=r"goal: the tool is 34\.38° from its direction"):
-        setup.setConfigurations(ends["ur5"][0], tilted)
+        setup.setConfigurations(ends[0], tilted)
 
 
 def test_the_axis_of_the_start_needs_a_start(ur5, scene):
@@ -134,17 +110,10 @@ def test_the_axis_of_the_start_needs_a_start(ur5, scene):
         SafeSetup(ur5, scene).setToolConstraint([0.0, 0.0, 1.0])
 
 
-def test_the_tip_stays_in_a_box(setup, ends):
-    free = setup.plan(seed=3, time=8.0).path
-    low, high = np.array([-1.0, -1.0, 0.3]), np.array([1.0, 1.0, 0.55])
+def test_a_start_outside_of_the_box(setup):
+    low, high = [-1.0, -1.0, 0.3], [1.0, 1.0, 0.55]
     setup.setTipBounds(low, high)
-    assert tool_limit(setup, TipBounds).upper.tolist() == high.tolist()
-    result = setup.plan(seed=3, time=8.0)
-    assert result.report.validation.claims == ("collision", "tip position")
-    tips = np.array([setup.robot.tip_pose(q).translation for q in densely(setup.robot, result.path)])
-    assert ((tips >= low) & (tips <= high)).all()
-    outside = [not tool_limit(setup, TipBounds).allows(q) for q in densely(setup.robot, free)]
-    assert any(outside), "without the box the tip leaves it"
+    assert tool_limit(setup, TipBounds).upper.tolist() == high
     with pytest.raises(CollisionError, match=r"start: the tip is 99\.\d+ mm outside of its bounds"):
         setup.setTipBounds(low, [1.0, 1.0, 0.3001])
     with pytest.raises(InputError, match="give both corners"):
@@ -158,7 +127,7 @@ def test_the_tip_stays_in_a_box(setup, ends):
 
 @pytest.fixture
 def scenario(scene, ends):
-    start, goal = (tuple(q.tolist()) for q in ends["ur5"])
+    start, goal = (tuple(q.tolist()) for q in ends)
     return Scenario("cup", RobotSpec("ur5"), scene, start, Goal((goal,)))
 
 

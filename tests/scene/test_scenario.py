@@ -87,7 +87,7 @@ def write(folder, text):
 # ------------------------------------------------------------------------------------------------ documents
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=25)
 @given(scenario=SCENARIOS)
 def test_a_file_gives_back_exactly_what_was_saved(scenario, tmp_path_factory):
     file = tmp_path_factory.mktemp("scenario") / "case.yaml"

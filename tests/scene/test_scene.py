@@ -69,7 +69,7 @@ def kitchen():
 # ------------------------------------------------------------------------------------------------ documents
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=40)
 @given(SCENES)
 @example(Scene((Obstacle("1e3", Sphere(1e-5)), Obstacle("null", Sphere(1)), Obstacle("a\x85b", Sphere(1)))))
 def test_yaml_gives_back_exactly_what_was_written(scene):

