@@ -115,8 +115,9 @@ def begun(planar3, scenario, name):
     return planner, problem, Query(planar3, name, start + OTHER_START, start + OTHER_START + MOTION + OTHER_GOAL)
 
 
-@pytest.mark.parametrize("clears", [False, True], ids=["unasked", "clearQuery"])
-@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize(
+    ("change", "clears"), [*((change, False) for change in CHANGES), (another_start_and_goal, True)]
+)
 @pytest.mark.parametrize("name", [*OURS, *PRINTED])
 def test_the_next_query_is_answered(planar3, scenario, name, change, clears):
     if needs_place(name) and change is other_states_in_the_same_goal:
