@@ -56,7 +56,7 @@ class SafeJTRRT(SafePlanner):
         No node is added that is more dangerous than its parent and than a threshold. This is at first the danger of the
         more dangerous end, which no path can avoid; after every eight refusals it rises by this share. It keeps the
         peak of the danger low. 0 for no threshold.
-    step : float > 0, default 0.1 [rad]
+    step : float > 0, default 0.2 [rad]
         Largest length ‖Δq‖ of one step towards the goal. It takes the place of the paper's gain k₂: far from the goal
         all steps are this long, near it they are the pseudoinverse's own.
     goal_bias : float >= 0, <= 1, default 0.05
@@ -116,7 +116,7 @@ class SafeJTRRT(SafePlanner):
     setSlide, getSlide = slide.methods()
     threshold_rise = Parameter(0.05)
     setThresholdRise, getThresholdRise = threshold_rise.methods()
-    step = Parameter(0.1, above=0)
+    step = Parameter(0.2, above=0)
     setStep, getStep = step.methods()
     goal_bias = Parameter(0.05, at_most=1)
     setGoalBias, getGoalBias = goal_bias.methods()
@@ -173,12 +173,13 @@ class SafeJTRRT(SafePlanner):
                 downhill = self._step.downhill(tree, old)
             q_old, distance = tree.configurations[old], approach.distances[old]
             q_new = self._bridge.inside(q_old + self._step.at(q_old, distance, downhill))
-            if self._place.distance(q_new) > STALLED * distance:
+            left = self._place.distance(q_new)
+            if left > STALLED * distance:
                 return
             if not self._margin.motion_is_free(q_old, q_new):  # COLLISION_FREE
                 return
             old = approach.add(tree, q_new, old)
-            approach.measure()
+            approach.note(left)
             if approach.arrived is not None or ptc():
                 return
 
@@ -240,9 +241,13 @@ class Approach(Trees):
         if self._goal is None:
             return
         for node in range(len(self.distances), len(self.start)):
-            self.distances.append(self._goal.place.distance(self.start.configurations[node]))
-            if self.arrived is None and self.distances[node] < self._goal.tolerance:
-                self.arrived = node
+            self.note(self._goal.place.distance(self.start.configurations[node]))
+
+    def note(self, distance: float) -> None:
+        """Note the distance of the tip from the goal at the first node of which it is not known."""
+        if self._goal is not None and self.arrived is None and distance < self._goal.tolerance:
+            self.arrived = len(self.distances)
+        self.distances.append(distance)
 
     def take(self, goal: WorkspaceGoal) -> None:
         """Head for a goal, with all nodes if it is another one; measure new nodes, and let them be chosen."""
