@@ -36,7 +36,7 @@ class BubblePlanner(SafePlanner):
     ----------
     range : float >= 0, default 0.0 [rad]
         What `slide` is measured in; 0 takes 7.5 % of the space's extent.
-    alpha : float >= 0, default 1.0
+    alpha : float >= 0, default 0.8
         Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations. With α = 0 the search is the
         classical one.
     nearest_fraction : float >= 0, <= 1, default 1 / 3
@@ -88,7 +88,7 @@ class BubblePlanner(SafePlanner):
     True
     """
 
-    alpha = Parameter(1.0)
+    alpha = Parameter(0.8)
     setAlpha, getAlpha = alpha.methods()
     nearest_fraction = Parameter(1 / 3, at_most=1)
     setNearestFraction, getNearestFraction = nearest_fraction.methods()

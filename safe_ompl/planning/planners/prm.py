@@ -111,6 +111,9 @@ class SafePRM(SafePlanner):
     clearance = Parameter(0.05)
     setClearance, getClearance = clearance.methods()
 
+    # The last path along milestones, under which settings it was driven, and how.
+    _last: tuple[tuple[float, ...], FloatArray]
+
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
         self._margin = Margin(self._problem, self._danger, WORTHWHILE)
@@ -266,7 +269,7 @@ class SafePRM(SafePlanner):
 
     def _forget(self) -> None:
         self._structure = self._roadmap = Roadmap(self._problem)
-        self._last: tuple[tuple[float, ...], FloatArray] = (), np.empty(0)
+        self._last = (), np.empty(0)
         self._margin.reset()
 
     def _restart_roadmap(self, ptc: Any) -> None:
