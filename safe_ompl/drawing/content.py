@@ -26,11 +26,15 @@ from safe_ompl.scene import CORE, Scene
 from safe_ompl.tasks import ProgramResult, program_robot
 
 CERTIFIED = "certified path"
-_SAMPLES = 200  # of a motion of polynomials
-_PLAYING_TIME = 8.0  # [s] to play a path once that has no times
+# The number of samples of a motion of polynomials.
+_MOTION_SAMPLES = 200
+# The time to play a path without times once.
+_PLAYING_TIME = 8.0  # [s]
 _CHECK_SAMPLES = 400
-_PROGRAM_RATE = 50.0  # [Hz] of the samples of a program
-_WORDS = 40  # letters of a step that are shown
+# The rate of the samples of a program.
+_PROGRAM_RATE = 50.0  # [Hz]
+# At most this many letters of a step are shown.
+_MOST_LETTERS = 40
 RECORDING_ENDING = ".jsonl"
 
 
@@ -46,7 +50,8 @@ class ViewerContent:
 
     robot: Robot  # Who moves
     scene: Scene  # What stands around it
-    paths: Mapping[str, FloatArray] = field(default_factory=dict)  # Planner name → way points [rad or m]
+    # The way points of each planner [rad or m].
+    paths: Mapping[str, FloatArray] = field(default_factory=dict)
     # (n,), where the robot stands if there is no path; default: the middle of its limits
     posture: FloatArray | None = None
     # Options of the danger field, as those of `SafeSetup`; None: without danger
@@ -54,7 +59,8 @@ class ViewerContent:
     # Planner name → motion in time: it is played as it is in time, with its speed and what bounds it. Its
     # knots are the path of that name
     motions: Mapping[str, MotionRecord] = field(default_factory=dict)
-    movers: Movers | None = None  # People and things that move meanwhile
+    # The people and objects that move during the motion.
+    movers: Movers | None = None
     title: str = ""  # Title of the page
 
     def __post_init__(self) -> None:
@@ -91,7 +97,9 @@ class ViewerContent:
         if len(motions) == 1 and not (first.attach or first.contacts):
             (motion,) = motions
             curved = motion.degree > 1
-            path = motion.at(np.linspace(motion.times[0], motion.times[-1], _SAMPLES)) if curved else motion.knots
+            path = (
+                motion.at(np.linspace(motion.times[0], motion.times[-1], _MOTION_SAMPLES)) if curved else motion.knots
+            )
             danger = {} if first.danger is None else first.danger.to_mapping()
             danger = {key: value for key, value in danger.items() if key != "bound"}
             return cls(robot, scene, {CERTIFIED: path}, danger=danger, title=title or f"{robot.name}, proven")
@@ -134,7 +142,8 @@ class ViewerContent:
         even = np.linspace(motion.times[0], motion.times[-1], _CHECK_SAMPLES)
         times = np.unique(np.concatenate([motion.times, even, marks]))
         times = times[np.diff(times, prepend=-np.inf) > 1e-9 * motion.duration]
-        near = 0.5 * motion.duration / _CHECK_SAMPLES  # what is at an instant is seen beside it
+        # What belongs to an instant is seen for this time beside it.
+        near = 0.5 * motion.duration / _CHECK_SAMPLES
         lines, names = [], []
         for time in times.tolist():
             here = [found for found in check.violations if found.first - near <= time <= found.last + near]
@@ -256,10 +265,12 @@ class Movers:
     """Where people and things are at some instants; between two of them people stay where they were."""
 
     times: FloatArray  # (T,), instants [s]
-    heights: Mapping[str, float]  # Name of a person → height [m]
+    # The height of each person [m].
+    heights: Mapping[str, float]
     # For each instant: name → key points in the world [m]; who is not there is not seen
     people: Sequence[Mapping[str, Keypoints]]
-    places: Sequence[Mapping[str, Pose]]  # For each instant: name of an obstacle of the scene → its pose
+    # For each instant, the poses of the scene's obstacles by name.
+    places: Sequence[Mapping[str, Pose]]
 
     @property
     def objects(self) -> frozenset[str]:
@@ -311,7 +322,7 @@ class _Stage(NamedTuple):
         held = ", ".join(item.name for item in self.robot.attached)
         told = [f"holding {held}"] if held else []
         told += [f"{' and '.join(o.touched_by)} may touch {o.name}" for o in self.scene if o.touched_by]
-        said = f"{self.number}: {shorten(self.step, _WORDS, placeholder=' …')}"
+        said = f"{self.number}: {shorten(self.step, _MOST_LETTERS, placeholder=' …')}"
         return f"{said}; {', '.join(told)}" if told else said
 
 

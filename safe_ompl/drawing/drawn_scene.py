@@ -19,20 +19,26 @@ if TYPE_CHECKING:
     from safe_ompl.robot import Robot
     from safe_ompl.scene import Scene
 
-_DETAIL = 5e-4  # sizes of the robot's motion; half a pixel of a picture of a thousand rows
+# In sizes of the robot's motion: half a pixel of a picture with a thousand rows.
+_DETAIL = 5e-4
 _PATH_SAMPLES = 121  # of a path
-_NEARBY = 1.1  # sizes of the robot's motion within which the scene must be in view
-_GROUND = 1.2  # sizes of the robot's motion from which the lowest slab is the ground, and not a thing on it
+# The scene must be in view within this many sizes of the robot's motion.
+_NEARBY = 1.1
+# A lowest slab of at least this many sizes of the robot's motion is the ground.
+_GROUND = 1.2
 _PEDESTAL: Colour = (0.62, 0.63, 0.65)
-_NEAR = 0.02  # [m] in front of the camera, where it begins to see
-_MARGIN = 0.05  # share of a picture that is left free at each side
+# The distance in front of the camera at which drawing begins.
+_NEAR_PLANE = 0.02  # [m]
+# The share of a picture that is left free at each side.
+_MARGIN = 0.05
 
 
 @dataclass(frozen=True)
 class Camera:
     """A pinhole camera."""
 
-    eye: FloatArray  # (3,), Where it stands, a point it looks at, and the direction that is up in the picture [m]
+    # The camera's position, a point that it looks at, and the upward direction of the picture, (3,) each [m].
+    eye: FloatArray
     target: FloatArray
     up: FloatArray
     field_of_view: float  # Vertical opening angle [rad]
@@ -49,7 +55,8 @@ class Camera:
         if min(size) < 1:
             raise InputError(f"a picture needs at least 1 pixel; got {size[0]} by {size[1]}")
         ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
-        back, right = np.array([ce * ca, ce * sa, se]), np.array([-sa, ca, 0.0])  # to the camera, and in the picture
+        # The directions to the camera, and to the right of the picture.
+        back, right = np.array([ce * ca, ce * sa, se]), np.array([-sa, ca, 0.0])
         up = np.cross(back, right)
         x, y, z = points @ right, points @ up, points @ back
         half_height = np.tan(field_of_view / 2) * (1.0 - 2.0 * _MARGIN)
@@ -87,7 +94,7 @@ def in_picture(camera: Camera, points: FloatArray, size: tuple[int, int]) -> Flo
     back, right = camera.axes()
     away = points - camera.eye
     depth = -(away @ back)
-    depth = np.where(depth > _NEAR, depth, np.nan)
+    depth = np.where(depth > _NEAR_PLANE, depth, np.nan)
     scale = size[1] / 2 / np.tan(camera.field_of_view / 2) / depth
     x = (size[0] - 1) / 2 + scale * (away @ right)
     y = (size[1] - 1) / 2 - scale * (away @ camera.up)
@@ -113,7 +120,8 @@ class DrawnScene:
         if not len(paths):
             raise InputError("no path to draw; give at least one")
         self.robot = robot
-        self.samples = [resampled(robot, path) for path in paths]  # (S, n) each, at equal steps
+        # Samples at equal steps of each path (S, n).
+        self.samples = [resampled(robot, path) for path in paths]
         coarse = RobotBody(robot, coarse=True)
         self._actors = np.vstack([coarse.posed(q).vertices for s in self.samples for q in s[:: _PATH_SAMPLES // 6]])
         # The robot at start and goal of all paths, coarsely
@@ -152,7 +160,8 @@ class DrawnScene:
         drawn, self.hazards = scene_surfaces(scene)
         lows = [_lowest(thing) for group in drawn.values() for thing in group]
         self.floor = lowest = min([float(self._actors[:, 2].min()), *lows])  # [m]
-        self.groups: dict[str, list[ColouredSurface]] = {}  # what is drawn of each obstacle but the ground
+        # The surfaces of each obstacle except the ground.
+        self.groups: dict[str, list[ColouredSurface]] = {}
         for name, group in drawn.items():
             extent = np.ptp(group[0].surface.vertices, axis=0)
             is_slab = (extent[:2] > _GROUND * self.size).all() and extent[2] < 0.1 * self.size
@@ -197,10 +206,14 @@ def _carries(thing: ColouredSurface, centre: FloatArray, bottom: float, gap: flo
 _AZIMUTHS = np.arange(20) * (2 * np.pi / 20)
 _ELEVATIONS = np.radians([20.0, 35.0])
 _HAZARD_POINTS = 200
-_NEAREST = 0.2  # share of the hazard's points that counts as its nearest part
-_COARSE = (160, 120)  # [px] of the picture in which views are compared
-_CELL = 0.02  # sizes of the robot's motion; what is smaller does not decide between views
-_TOLERANCE, _FINE = 0.03, 0.012  # relative, of depths; finer than a person is deep
+# This share of the hazard's points counts as its nearest part.
+_NEAREST = 0.2
+# The size of the pictures in which views are compared.
+_COARSE_SIZE = (160, 120)  # [px]
+# In sizes of the robot's motion: smaller details do not decide between views.
+_CELL = 0.02
+# Relative tolerances of depths, which are smaller than the depth of a person.
+_DEPTH_TOLERANCE, _FINE_DEPTH_TOLERANCE = 0.03, 0.012
 
 
 def best_view(drawn: DrawnScene, size: tuple[int, int]) -> Camera:
@@ -235,15 +248,16 @@ class _Merit:
         hazards = near = 1.0
         if len(self._points):
             hazards = _seen(view, self._things, self._points).mean()
-            near = _seen(view, self._everything, self._near, _FINE).mean()
+            near = _seen(view, self._everything, self._near, _FINE_DEPTH_TOLERANCE).mean()
         nearest, own = _nearness(view, self._hazards, self._links)
-        apart = 1.0 - (np.isfinite(nearest) & (own > nearest)).mean()  # links that are before no hazard
-        extent = np.linalg.det(np.cov(in_picture(view, self._links, _COARSE)[:, :2], rowvar=False))
+        # The share of the links that are not in front of a hazard.
+        apart = 1.0 - (np.isfinite(nearest) & (own > nearest)).mean()
+        extent = np.linalg.det(np.cov(in_picture(view, self._links, _COARSE_SIZE)[:, :2], rowvar=False))
         shown = (0.5 + 0.5 * hazards) * near**2
         return float(links**2 * apart * shown * max(extent, 0.0) ** 0.25)
 
 
-def _seen(view: Camera, solid: Surface, points: FloatArray, tolerance: float = _TOLERANCE) -> BoolArray:
+def _seen(view: Camera, solid: Surface, points: FloatArray, tolerance: float = _DEPTH_TOLERANCE) -> BoolArray:
     """Return whether a solid leaves points (P, 3) in view: (P,)."""
     nearest, own = _nearness(view, solid, points)
     return np.asarray(own >= (1.0 - tolerance) * nearest)
@@ -251,8 +265,8 @@ def _seen(view: Camera, solid: Surface, points: FloatArray, tolerance: float = _
 
 def _nearness(view: Camera, solid: Surface, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return 1/depth of a solid where points (P, 3) are in a coarse picture, -inf beside it, and of the points."""
-    nearness, _ = nearest_triangles(in_picture(view, solid.vertices, _COARSE), solid.faces, *_COARSE)
-    column, row, own = in_picture(view, points, _COARSE).T
-    inside = (column > -0.5) & (column < _COARSE[0] - 0.5) & (row > -0.5) & (row < _COARSE[1] - 0.5)
+    nearness, _ = nearest_triangles(in_picture(view, solid.vertices, _COARSE_SIZE), solid.faces, *_COARSE_SIZE)
+    column, row, own = in_picture(view, points, _COARSE_SIZE).T
+    inside = (column > -0.5) & (column < _COARSE_SIZE[0] - 0.5) & (row > -0.5) & (row < _COARSE_SIZE[1] - 0.5)
     column, row = (np.where(inside, np.rint(at), 0.0).astype(np.intp) for at in (column, row))
     return np.where(inside, nearness[row, column], -np.inf), np.where(inside, own, 0.0)

@@ -11,11 +11,14 @@ from safe_ompl.common import FloatArray
 from safe_ompl.drawing.rendering import draw_triangles
 from safe_ompl.drawing.surfaces import Surface
 
-_SKY_SHARE = 0.55  # of the light on the open floor; the key light gives the rest
+# The share of the sky in the light on the open floor. The rest is the key light.
+_SKY_SHARE = 0.55
 _SKY_LIGHTS, _KEY_LIGHTS = 24, 8
 _KEY_RADIUS = 0.12  # [rad]
-_LOWEST = 0.3  # sine of the elevation of the lowest light
-_MAP = 256  # texels along each side of a shadow map
+# The sine of the elevation of the lowest light.
+_LOWEST = 0.3
+# The number of texels along each side of a shadow map.
+_MAP = 256
 _FADING = 0.12  # share of its sides
 
 
@@ -27,12 +30,17 @@ class Light(NamedTuple):
     """
 
     floor: float  # Its height [m]
-    corner: FloatArray  # (2,), of the maps [m]
+    # A corner of the maps (2,) [m].
+    corner: FloatArray
     texel: float  # [m]
-    slants: FloatArray  # (L, 2), how far aside each light is, per metre of height [texels/m]
-    lights: FloatArray  # (L, 4), towards each light, as long as it lights the open floor; its share of the key light
+    # The horizontal displacement of each light per metre of height (L, 2) [texels/m].
+    slants: FloatArray
+    # The directions to the lights, with lengths that are their shares of the floor's light, and shares of the key light
+    # (L, 4).
+    lights: FloatArray
     maps: NDArray[np.float32]  # (L, S, S)
-    on_floor: FloatArray  # (S, S), the light there, 1 where it is open
+    # The light on the floor, 1 where nothing covers it (S, S).
+    on_floor: FloatArray
 
     @classmethod
     def around(cls, points: FloatArray, floor: float, key: FloatArray) -> Light:
@@ -58,7 +66,8 @@ class Light(NamedTuple):
             points = np.column_stack([texels - heights[:, None] * slant, heights])
             draw_triangles(points, coarse.faces, 0, there, owner)
         shaded = _blurred(np.tensordot(self.lights[:, 2], np.isfinite(maps), axes=1))
-        rank = np.arange(_MAP)  # at the edges, beyond which shadows are not known, they go down to 0
+        # Shadows are not known beyond the edges, so they fade to 0 there.
+        rank = np.arange(_MAP)
         across = np.clip(np.minimum(rank, rank[::-1]) / (_FADING * _MAP), 0.0, 1.0)
         across = across * across * (3.0 - 2.0 * across)
         return self._replace(maps=maps, on_floor=1.0 - shaded * np.minimum.outer(across, across))

@@ -22,7 +22,8 @@ from safe_ompl.io import ACCELERATION, MotionRecord
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-_MOST_POINTS = 4000  # danger points that are shown; of more, evenly chosen ones
+# At most this many danger points are shown, evenly chosen.
+_MOST_POINTS = 4000
 _PEOPLE, _THINGS = (0.80, 0.10, 0.12), (0.10, 0.35, 0.75)
 
 
@@ -88,8 +89,10 @@ def wxyz(rotation: FloatArray) -> FloatArray:
 BOARD_SHAPE = SIZE[1] / SIZE[0]
 """Height over width."""
 _DPI = 140
-_LINES, _LINE = 2, 0.15  # of words above the board, and how high a line is, in heights of the board
-_BEFORE = 0.004  # [m] that the cursor is in front of the board
+# Lines of words above the board, and the height of a line in heights of the board.
+_LINES, _LINE_HEIGHT = 2, 0.15
+# The cursor is in front of the board by this.
+_BEFORE = 0.004  # [m]
 _CURSOR = (30, 30, 30)
 
 _log = logging.getLogger(__name__)
@@ -113,7 +116,8 @@ class SpeedBoard:
         image = _picture(record)
         self.has_title = image is not None
         if image is not None:
-            turn = np.column_stack([self._right, -up, -normal])  # viser's y goes down the rows
+            # In viser the y axis of an image goes down.
+            turn = np.column_stack([self._right, -up, -normal])
             look = {"format": "png", "cast_shadow": False, "receive_shadow": False}
             view.add_image(name, image, *self._size.tolist(), **look, wxyz=wxyz(turn), position=centre)
         cursor = np.zeros((1, 2, 3))
@@ -133,7 +137,7 @@ class SpeedBoard:
         for k, label in enumerate(self.labels):
             label.text = lines[k] if k < len(lines) else ""
             label.visible = k < len(lines)
-            label.position = self._place(0.5, 1.04 + _LINE * (len(lines) - 1 - k))
+            label.position = self._place(0.5, 1.04 + _LINE_HEIGHT * (len(lines) - 1 - k))
 
     def _place(self, across: float, above: float) -> FloatArray:
         right, up = across * self._size[0] * self._right, above * self._size[1] * self._up
@@ -150,7 +154,8 @@ def _picture(record: MotionRecord) -> Any:
     return np.asarray(figure.canvas.buffer_rgba())[..., :3]
 
 
-_DETAIL = 0.002  # [m]; what is smaller is not sent to the browser
+# Details smaller than this are not sent to the browser.
+_DETAIL = 0.002  # [m]
 
 
 class RobotFigure:
@@ -239,7 +244,8 @@ def _place(meshes: Sequence[Any], placement: pin.SE3) -> None:
 SAMPLES = 121
 _EVENLY = np.linspace(0.0, 1.0, SAMPLES)
 _GOAL_OPACITY, _START_OPACITY = 0.22, 0.16
-_TINT = 0.62  # share of the planner's colour in its robot
+# The share of the planner's colour in its robot.
+_TINT = 0.62
 
 
 class PathView:

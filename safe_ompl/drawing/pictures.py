@@ -32,19 +32,22 @@ from safe_ompl.scene import Scene
 from safe_ompl.tasks import ProgramResult
 
 if TYPE_CHECKING:
-    from safe_ompl.planning import SafeSetup  # who has no OMPL draws all the same
+    # Drawing works without OMPL.
+    from safe_ompl.planning import SafeSetup
 
 Image = NDArray[np.uint8]
 """Rows of pixels in sRGB: (height, width, 3)."""
 
 ACCENT: Colour = (0.09, 0.42, 0.78)
 START: Colour = (0.66, 0.67, 0.69)
-_COINCIDENCE = 1e-3  # sizes of the robot's motion by which bodies that share a place are told apart
+# Bodies in the same place are moved apart by this many sizes of the robot's motion.
+_COINCIDENCE = 1e-3
 # Sizes of the robot's motion; radius of the trace of the tip, and of the planned one.
 TRACE, _THIN = 0.006, 0.0022
 GHOSTS = 4
 PALE: Colour = (1.0, 1.0, 1.0)
-_FIRST_TINT = 0.35  # share of the accent colour in the first posture after the start
+# The share of the accent colour in the first posture after the start.
+_FIRST_TINT = 0.35
 
 
 def render_path(
@@ -143,10 +146,13 @@ def _glass(body: Surface, renderer: Renderer) -> FloatArray:
     return np.column_stack([opacity, opacity * (0.72 + 0.44 * lit)])
 
 
-_COMPRESSION = 3  # of PNG files, from 0 to 9: twice as fast as 6, and hardly larger
+# The compression of PNG files, from 0 to 9. Level 3 is twice as fast as 6, and the files are hardly larger.
+_COMPRESSION = 3
 _PROGRAM_SAMPLES = 600
-_NEAR = 0.1  # [m] between tips: of postures that are nearer one is shown
-_QUICK_DPI = 100  # of the picture of one plan, which is wanted at once
+# Of postures whose tips are nearer than this, one is shown.
+_EQUAL_TIPS = 0.1  # [m]
+# The resolution of the picture of a single plan, which should appear at once.
+_QUICK_DPI = 100
 
 
 def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
@@ -181,7 +187,7 @@ def draw_program(result: ProgramResult, file: str | Path) -> None:
     samples = shown.motion.at(np.linspace(0.0, shown.motion.duration, _PROGRAM_SAMPLES))
     ends = np.array([stretch.begin + stretch.motion.duration for stretch in result.stretches[:-1]])
     tips = drawn.trace(shown.motion.at(ends))
-    apart = [k for k in range(len(ends)) if (np.linalg.norm(tips[:k] - tips[k], axis=1) > _NEAR).all()]
+    apart = [k for k in range(len(ends)) if (np.linalg.norm(tips[:k] - tips[k], axis=1) > _EQUAL_TIPS).all()]
     moved = [] if content.movers is None else content.movers.obstacles_at(shown.motion.duration, content.scene)
     things = [surface for obstacle in moved for surface in obstacle_surfaces(obstacle)]
     renderer = Renderer(drawn.floor, best_view(drawn, size), size)
@@ -206,10 +212,13 @@ def _clearances(setup: SafeSetup, path: FloatArray) -> dict[str, FloatArray]:
 _CAPTION = "grey: start    colour: goal    translucent: on the way    line: path of the tip"
 _PLANNED = ", thin: before it was simplified"
 _GUTTER = 14  # [px] between panels
-_LETTER = 0.56  # heights of a letter, how wide one is on average
-_DARK, _GREY = (77, 77, 77), (102, 102, 102)  # of subtitles, and of the line below all
+# The average width of a letter, in heights of a letter.
+_LETTER = 0.56
+# The colours of subtitles, and of the line at the bottom.
+_DARK, _GREY = (77, 77, 77), (102, 102, 102)
 _LARGE = (760, 600)  # [px] of a panel
-_MOST_ALIKE = 4  # paths in panels of one size; of more the first two are large, and four others are as wide
+# Up to this many paths have panels of equal size. Of more, two are large and the others small, four in a row.
+_MOST_ALIKE = 4
 
 
 def render_comparison(
@@ -340,9 +349,12 @@ ANIMATION_ENDINGS = (".webp", ".gif")
 PANEL = (420, 380)
 RATE = 12.5  # [Hz]
 FEWEST_FRAMES = 40
-_REST = 1.2  # [s] that the last frame stays
-_QUALITY = 80  # of WebP, from 0 to 100
-_TINT = 0.45  # share of the planner's colour in its robot
+# The last frame stays for this time.
+_REST = 1.2  # [s]
+# The quality of WebP, from 0 to 100.
+_QUALITY = 80
+# The share of the planner's colour in its robot.
+_TINT = 0.45
 
 
 def save_animation(content: ViewerContent, file: str | Path) -> None:
@@ -413,7 +425,8 @@ def _captions(content: ViewerContent, name: str, way: FloatArray, shares: FloatA
     return captions
 
 
-_SMALL, _SMALL_DPI = (360, 280), 60  # [px] of robots, and of plots
+# The sizes of robots [px], and the resolution of plots.
+_PREVIEW_SIZE, _PREVIEW_DPI = (360, 280), 60  # [px]
 
 
 def small_picture(shown: Any) -> bytes:
@@ -430,9 +443,9 @@ def small_picture(shown: Any) -> bytes:
 
         if shown.path is None:
             return b""
-        imsave(stream, render_path(shown.robot, shown.scene, shown, size=_SMALL), format="png")
+        imsave(stream, render_path(shown.robot, shown.scene, shown, size=_PREVIEW_SIZE), format="png")
     elif (figure := _plot(shown)) is not None:
-        figure.savefig(stream, format="png", dpi=_SMALL_DPI)
+        figure.savefig(stream, format="png", dpi=_PREVIEW_DPI)
     return stream.getvalue()
 
 

@@ -25,8 +25,10 @@ from safe_ompl.planning import Tradeoff
 from safe_ompl.planning.simplification import forced_danger
 from safe_ompl.tasks import ProgramResult
 
-_LINE = 0.08  # of the height of the axes: what a line of words needs
-_NEAR = 50.0  # [mm]; the clearance under which a path is too near, shaded
+# The height of a line of words, as a share of the axes.
+_LINE_HEIGHT = 0.08
+# A path with less clearance than this is too near, which is shaded.
+_TOO_NEAR = 50.0  # [mm]
 _CLEARANCES = ("0.25", "0.62")
 
 
@@ -50,7 +52,8 @@ def plot_plan(
     gaps = {to: 1e3 * curve(found, "clearance") for to, found in (clearance or {}).items()}
     rows = 1 + bool(gaps)
     height = 1.2 + 2.5 * rows
-    with page(file, 7.0, height, dpi, arranged=False) as figure:  # half the time of an arranged figure
+    # A figure that is not arranged takes half the time.
+    with page(file, 7.0, height, dpi, arranged=False) as figure:
         top, bottom = 1 - 0.35 / height, 0.55 / height
         figure.subplots_adjust(left=0.1, right=0.925, top=top, bottom=bottom, hspace=0.25)
         upper = lowest = figure.add_subplot(rows, 1, 1)
@@ -70,7 +73,7 @@ def _draw_danger(axes: Any, values: FloatArray, colour: Colour) -> None:
     axes.plot(at, values, color=colour, linewidth=2.4)
     top = 1.12 * float(values.max()) or 1.0
     start, goal = float(values[0]), float(values[-1])
-    shift = 0.5 * max(0.0, _LINE - abs(goal - start) / top) * top * (1 if goal >= start else -1)
+    shift = 0.5 * max(0.0, _LINE_HEIGHT - abs(goal - start) / top) * top * (1 if goal >= start else -1)
     for value, name, place in ((start, "start", start - shift), (goal, "goal", goal + shift)):
         axes.axhline(value, color=GREY, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
         # beside the axes, never over a curve
@@ -80,7 +83,7 @@ def _draw_danger(axes: Any, values: FloatArray, colour: Colour) -> None:
 
 
 def _draw_clearance(axes: Any, gaps: Mapping[str, FloatArray]) -> None:
-    axes.axhspan(0.0, _NEAR, color=ALARM, alpha=0.12, linewidth=0)
+    axes.axhspan(0.0, _TOO_NEAR, color=ALARM, alpha=0.12, linewidth=0)
     for k, (to, values) in enumerate(gaps.items()):
         at, colour = np.linspace(0.0, 1.0, len(values)), _CLEARANCES[k % len(_CLEARANCES)]
         axes.plot(at, values, color=colour, linewidth=2.4 if k == 0 else 1.6, label=f"to {to}")
@@ -93,10 +96,10 @@ def _draw_clearance(axes: Any, gaps: Mapping[str, FloatArray]) -> None:
     if len(gaps) > 1:
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=len(gaps), borderaxespad=0.0)
     axes.set(ylabel="clearance [mm]", xlim=(0.0, 1.0))
-    axes.set_ylim(0.0, 1.12 * max(_NEAR, *(float(values.max()) for values in gaps.values())))
+    axes.set_ylim(0.0, 1.12 * max(_TOO_NEAR, *(float(values.max()) for values in gaps.values())))
 
 
-_SAMPLES = 1500
+_PLOT_SAMPLES = 1500
 _JOINTS = ("#0b62b4", "#b87a00", "#00876a", "#7d2f91", "#c8452b", "#596675", "#6aa84f", "#3aa0c9")
 
 
@@ -114,7 +117,7 @@ def plot_motion(
     with page(file, 7.5, 0.6 + 2.2 * rows + 0.8) as figure:
         upper, *lower = figure.subplots(rows, 1, height_ratios=[1.5] + [1.0] * (rows - 1))
         set_title(figure, f"{trajectory.duration:.2f} s" if title is None else title)
-        times = np.linspace(0.0, trajectory.duration, _SAMPLES)
+        times = np.linspace(0.0, trajectory.duration, _PLOT_SAMPLES)
         cells, _, speeds, _ = trajectory.law.at(times)
         bounds = {cap.name: cap.speeds[cells] for cap in trajectory.caps}
         binding = trajectory.binding()
@@ -211,7 +214,8 @@ def plot_speeds(
         axes.set(xlabel="time [s]", xlim=(0.0, float(t[-1])))
         figure.text(AXES[0], 0.93, title, weight="bold", fontsize=12)
         figure.text(0.985, 0.93, f"{t[-1]:.2f} s", ha="right", color=GREY, fontsize=12)
-        small = 8.5 if used < 4 else 7.5  # four names of caps are just within the axes
+        # Four names of limits just fit into the axes.
+        small = 8.5 if used < 4 else 7.5
         add_legend_above(axes, small, handlelength=1.0, handletextpad=0.5, columnspacing=1.0)
     return figure
 
@@ -223,7 +227,7 @@ def _joined(values: FloatArray, chosen: Any) -> FloatArray:
 
 
 _CHECKED = 400
-_KINDS = ("position", "velocity", "acceleration")
+_DERIVATIVES = ("position", "velocity", "acceleration")
 
 
 def plot_check(check: MotionCheck, file: str | Path | None, *, title: str | None = None) -> Any:
@@ -242,15 +246,19 @@ def plot_check(check: MotionCheck, file: str | Path | None, *, title: str | None
     middle, half = 0.5 * (robot.upper + robot.lower), 0.5 * (robot.upper - robot.lower)
     shares = [(around - middle) / np.where(half > 0, half, 1.0)]
     if limits is not None:
-        shares += [motion.derivative(times, order) / getattr(limits, _KINDS[order]) for order in range(1, len(_KINDS))]
+        shares += [
+            motion.derivative(times, order) / getattr(limits, _DERIVATIVES[order])
+            for order in range(1, len(_DERIVATIVES))
+        ]
     with page(file, 7.5, 2.0 + 2.0 * len(shares) + 2.2) as figure:
         every = figure.subplots(len(shares) + 1, 1, sharex=True)
-        for axes, values, kind in zip(every, shares, _KINDS, strict=False):
+        for axes, values, kind in zip(every, shares, _DERIVATIVES, strict=False):
             _draw_joints(axes, times, values, f"{kind} / limit")
         _name_joints(figure, every[0], robot.joint_names)
         _draw_distances(every[-1], times, Q, proof)
         every[-1].set(xlabel="time [s]" if motion.timed else "way point", xlim=_span(times[-1], times[0]))
-        for found in check.violations:  # shaded, short ones a little wider
+        # Violations are shaded, short ones a little wider than they are.
+        for found in check.violations:
             room = max(0.0, 0.5 * (0.004 * motion.duration - (found.last - found.first)))
             for axes in every:
                 axes.axvspan(found.first - room, found.last + room, color=ALARM, alpha=0.16, linewidth=0)
@@ -283,7 +291,7 @@ def _draw_distances(axes: Any, times: FloatArray, Q: FloatArray, proof: MotionPr
         add_legend_above(axes, bbox_to_anchor=(0.0, 0.98), columnspacing=1.2)
 
 
-_WORDS = 44  # letters of a step
+_LINE_LETTERS = 44  # letters of a step
 
 
 def plot_program(result: ProgramResult, file: str | Path | None, *, dpi: int = DPI) -> Any:
@@ -296,7 +304,7 @@ def plot_program(result: ProgramResult, file: str | Path | None, *, dpi: int = D
             spans = [(s.begin, s.motion.duration) for s in result.stretches if s.step == k]
             axes.broken_barh(spans or [(time, 0.0)], (k - 0.32, 0.64), color=colours[step.kind], linewidth=1.6)
             time = max([time, *(begin + span for begin, span in spans)])
-        words = [f"{k + 1}  {shorten(str(step), _WORDS, placeholder=' …')}" for k, step in enumerate(steps)]
+        words = [f"{k + 1}  {shorten(str(step), _LINE_LETTERS, placeholder=' …')}" for k, step in enumerate(steps)]
         axes.set_yticks(range(len(steps)), words)
         axes.grid(axis="y", visible=False)
         axes.set(xlabel="time [s]", xlim=_span(time), ylim=(len(steps) - 0.4, -0.6))
@@ -304,7 +312,8 @@ def plot_program(result: ProgramResult, file: str | Path | None, *, dpi: int = D
     return figure
 
 
-_MOST_IN_AXES = 4  # planners whose bands can be told apart in one axes
+# The bands of up to this many planners can be told apart in one plot.
+_MOST_IN_AXES = 4
 _COLUMNS = 4  # of small axes
 _BAND = (15, 85)  # [%] of the runs
 

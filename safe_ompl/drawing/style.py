@@ -19,9 +19,12 @@ Colour = tuple[float, float, float]
 class PlannerStyle(NamedTuple):
     """Looks of a planner."""
 
-    colour: Colour  # Of its curves, boxes and robots
-    dashes: tuple[float, ...]  # On and off lengths of its lines, in line widths; empty for a solid line
-    strong: bool  # Whether it is a safe planner, which stands out
+    # The colour of its curves, boxes and robots.
+    colour: Colour
+    # The lengths of dashes and gaps of its lines, in line widths. Empty means a solid line.
+    dashes: tuple[float, ...]
+    # Whether it is a safe planner, which is drawn stronger.
+    strong: bool
 
 
 # Safe planners, and below their classical counterparts in a pale tone of it (distinct to the colour-blind).
@@ -55,7 +58,8 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
     styles: dict[str, PlannerStyle] = {}
     others = cycle(zip(_OTHERS, _OTHER_DASHES, strict=True))
     for name in names:
-        planner = name.partition(",")[0]  # without a seed, or options
+        # The name without a seed or options.
+        planner = name.partition(",")[0]
         family = next((key for key in _FAMILIES if planner.endswith((key, f"{key}Planner"))), None)
         kind = next((kind for kind in _KINDS if name.startswith(kind)), None)
         if kind is None and family is not None and name.startswith(f"{family}Planner"):

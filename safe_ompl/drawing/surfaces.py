@@ -16,10 +16,14 @@ from safe_ompl.drawing.style import Colour
 from safe_ompl.geometry import Limb, Obstacle, Person, Triangles, surfaces
 from safe_ompl.robot import Robot
 
-_AROUND = 32  # facets around a round shape
-_CREASE = 0.6  # [rad]; edges that bend more are sharp
-_SMOOTH_GROUPS = 4  # of triangles at one vertex
-_SAME_PLACE, _SAME_DIRECTION = 1e-6, 1e-3  # [m], and of unit vectors
+# The number of facets around a round shape.
+_FACETS_AROUND = 32
+# Edges with a larger angle are sharp.
+_CREASE = 0.6  # [rad]
+# The largest number of smooth groups of triangles at one vertex.
+_SMOOTH_GROUPS = 4
+# Tolerances of equal positions [m], and of equal unit vectors.
+_SAME_PLACE, _SAME_DIRECTION = 1e-6, 1e-3  # [m]
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,8 @@ class Surface:
 
     vertices: FloatArray  # (V, 3), positions [m]
     normals: FloatArray  # (V, 3), unit normals
-    faces: IntArray  # (F, 3), vertex indices of each triangle
+    # The vertex indices of each triangle (F, 3).
+    faces: IntArray
 
     @classmethod
     def from_triangles(cls, vertices: FloatArray, faces: IntArray) -> Surface:
@@ -105,12 +110,14 @@ def _distinct_rows(rows: FloatArray) -> tuple[IntArray, IntArray]:
     """Return the indices of the distinct rows of whole numbers (R, C), and which of them each row equals: (R,)."""
     low = rows.min(axis=0, initial=0.0)
     spans = rows.max(axis=0, initial=0.0) - low + 1.0
-    if spans.prod() < 2.0**62:  # a row is one whole number, which is sorted several times faster
+    # If a row fits into one integer, sorting is several times faster.
+    if spans.prod() < 2.0**62:
         places = np.cumprod([1, *spans[:-1].astype(np.int64)])
         _, first, index = np.unique((rows - low).astype(np.int64) @ places, return_index=True, return_inverse=True)
         return first, index
     _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    return first, index.ravel()  # NumPy 2.0 gives it another shape
+    # NumPy 2.0 returns another shape.
+    return first, index.ravel()
 
 
 def _normalised(vectors: FloatArray) -> FloatArray:
@@ -133,7 +140,7 @@ def tessellate(geometry: Any) -> Triangles:
         faces = np.fromiter(chain.from_iterable(corners), dtype=np.intp, count=3 * count)
         return np.array(points(), dtype=float), faces.reshape(-1, 3)
     radius, half = float(getattr(geometry, "radius", 0.0)), float(getattr(geometry, "halfLength", 0.0))
-    step = 2.0 * np.pi * radius / _AROUND
+    step = 2.0 * np.pi * radius / _FACETS_AROUND
     if kind == "Sphere":
         profile = surfaces.sphere_profile(radius, step)
     elif kind == "Cylinder":
@@ -145,7 +152,7 @@ def tessellate(geometry: Any) -> Triangles:
     else:
         known = "mesh, convex, box, sphere, cylinder, capsule, cone"
         raise InputError(f"cannot draw a geometry of type {kind}; known: {known}")
-    return surfaces.revolved_triangles(profile, _AROUND)
+    return surfaces.revolved_triangles(profile, _FACETS_AROUND)
 
 
 def tube(points: FloatArray, radius: float) -> Triangles:
@@ -154,13 +161,13 @@ def tube(points: FloatArray, radius: float) -> Triangles:
     moving = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6
     points = points[np.concatenate(([True], moving))]
     if len(points) < 2:
-        vertices, faces = surfaces.revolved_triangles(surfaces.sphere_profile(radius, radius / 4), _AROUND)
+        vertices, faces = surfaces.revolved_triangles(surfaces.sphere_profile(radius, radius / 4), _FACETS_AROUND)
         return vertices + points[0], faces
     across, up = _transported_frame(_normalised(np.gradient(points, axis=0)))
-    turn = np.arange(_AROUND) * (2.0 * np.pi / _AROUND)
+    turn = np.arange(_FACETS_AROUND) * (2.0 * np.pi / _FACETS_AROUND)
     circle = np.cos(turn)[None, :, None] * across[:, None] + np.sin(turn)[None, :, None] * up[:, None]
     vertices = (points[:, None] + radius * circle).reshape(-1, 3)
-    return vertices, _grid_faces(len(points), _AROUND)
+    return vertices, _grid_faces(len(points), _FACETS_AROUND)
 
 
 def _transported_frame(tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -189,7 +196,8 @@ class ColouredSurface:
 
     surface: Surface  # What is drawn
     colour: Colour  # Its own colour
-    glossy: bool = False  # Whether a coat of clear lacquer covers the colour
+    # Whether a coat of clear lacquer covers the colour.
+    glossy: bool = False
 
 
 _HARMLESS_SURFACE: Colour = (0.80, 0.68, 0.53)
@@ -199,9 +207,12 @@ SHIRT: Colour = (0.83, 0.43, 0.29)
 _TROUSERS: Colour = (0.30, 0.33, 0.40)
 _SHOES: Colour = (0.20, 0.20, 0.22)
 _HAIR: Colour = (0.29, 0.21, 0.16)
-_HAIRLINE = pin.SE3(pin.utils.rotate("y", -0.65), np.zeros(3))  # tilts the pole of the head backwards
-_BASE_RADIUS = 0.06  # [m] of the foot of a robot that has no body
-_CIRCLE_CORNERS = 48  # on every circle of an obstacle
+# This rotation tilts the pole of the head backwards.
+_HAIRLINE = pin.SE3(pin.utils.rotate("y", -0.65), np.zeros(3))
+# The radius of the foot of a robot that has no base body.
+_BASE_RADIUS = 0.06  # [m]
+# The number of corners of every circle of an obstacle.
+_CIRCLE_CORNERS = 48
 
 
 class RobotBody:
@@ -216,7 +227,8 @@ class RobotBody:
         self._geometry = robot.shared.collision_model if coarse else robot.visual_model
         shown = {part.parentJoint for part in self._geometry.geometryObjects}
         for part in robot.shared.collision_model.geometryObjects:
-            if part.parentJoint not in shown:  # else the arm would be drawn in pieces
+            # Without this condition the arm would be drawn in pieces.
+            if part.parentJoint not in shown:
                 self._geometry.addGeometryObject(part)
         parts = self._geometry.geometryObjects
         self.links = []

@@ -28,10 +28,14 @@ from safe_ompl.scene import Scene
 from safe_ompl.tasks import ProgramResult
 
 PORT = 8080
-_SIZE = (1200, 800)  # [px] of the window that cameras are chosen for
-_APART = 1.15  # widths of a path_view from one to the next
-_BOARD = 1.25  # sizes of the robot's motion; width of a board
-_WORDS = 1.7  # half heights of a board above its middle, up to where there are words
+# The size of the window for which cameras are chosen.
+_SIZE = (1200, 800)  # [px]
+# The distance between two paths, in widths of a path.
+_PATH_DISTANCE = 1.15
+# The width of a board, in sizes of the robot's motion.
+_BOARD = 1.25
+# Words reach up to this many half heights of a board above its middle.
+_WORDS_TOP = 1.7
 _FIELD_OF_VIEW = 0.6  # [rad]
 _BACKGROUND = 245
 
@@ -163,16 +167,17 @@ class BrowserView:
         (back, right), landmarks = best.axes(), drawn.landmarks()
         for path_view in self.path_views:
             path_view.add_floor(drawn)
-        if self.content.motions:  # a board over each path, which faces the camera
+        # Each path has a board above it, which faces the camera.
+        if self.content.motions:
             width = _BOARD * drawn.size
             centre, up = 0.5 * (landmarks.min(axis=0) + landmarks.max(axis=0)), np.array([0.0, 0.0, 1.0])
             centre[2] = landmarks[:, 2].max() + 0.65 * width * BOARD_SHAPE
             for path_view in self.path_views:
                 path_view.add_board(centre, width, np.array([back[0], back[1], 0.0]))
-            ends = (-1, _WORDS)
+            ends = (-1, _WORDS_TOP)
             corners = [centre + 0.5 * width * (x * right + z * BOARD_SHAPE * up) for x in (-1, 1) for z in ends]
             landmarks = np.vstack([landmarks, *corners])
-        step = _APART * float(np.ptp(landmarks @ right)) * right
+        step = _PATH_DISTANCE * float(np.ptp(landmarks @ right)) * right
         places = [step * (k - 0.5 * (len(paths) - 1)) for k in range(len(paths))]
         for path_view, place in zip(self.path_views, places, strict=True):
             path_view.root.position = place
@@ -190,9 +195,11 @@ def _see_all(client: Any) -> None:
     client.camera.fov = max(_FIELD_OF_VIEW, 2.0 * float(np.arctan(across / client.camera.aspect)))
 
 
-_REST = 0.8  # [s] at the goal, before it begins again
-_RATE = 25.0  # [Hz] of frames, where a motion has times
-_FEWEST, _MOST = 97, 1501  # frames
+# The motion rests at the goal for this time before it begins again.
+_REST = 0.8  # [s]
+# The rate of frames of a motion with times.
+_RATE = 25.0  # [Hz]
+_FEWEST_FRAMES, _MOST_FRAMES = 97, 1501
 
 
 def save_page(content: ViewerContent, file: str | Path) -> None:
@@ -204,8 +211,8 @@ def save_page(content: ViewerContent, file: str | Path) -> None:
     try:
         recording = view.server.get_scene_serializer()
         if content.paths:
-            wanted = _RATE * content.playing_time if content.motions else _FEWEST
-            frames = int(np.clip(wanted, _FEWEST, _MOST))
+            wanted = _RATE * content.playing_time if content.motions else _FEWEST_FRAMES
+            frames = int(np.clip(wanted, _FEWEST_FRAMES, _MOST_FRAMES))
             for share in np.linspace(0.0, 1.0, frames)[1:]:
                 recording.insert_sleep(content.playing_time / (frames - 1))
                 view.go_to(float(share))
@@ -247,7 +254,8 @@ body > #root { flex: 1; height: auto; min-height: 0 }
 }
 </script>
 """
-_SMALL = 600  # [px] a window that is less wide is a phone's
+# A narrower window is that of a phone.
+_PHONE_WIDTH = 600  # [px]
 
 
 def _on_page(content: ViewerContent) -> str:
@@ -262,11 +270,11 @@ def _on_page(content: ViewerContent) -> str:
     heading = f"Safest: {escape(content.safest)}" if content.safest else "Path"
     panel = f'<details id="paths" open><summary>{heading}</summary>{"".join(parts)}</details>' if parts else ""
     tan = np.tan(0.5 * _FIELD_OF_VIEW)
-    return _PAGE % {"panel": panel, "small": _SMALL, "tan": tan, "across": tan * _SIZE[0] / _SIZE[1]}
+    return _PAGE % {"panel": panel, "small": _PHONE_WIDTH, "tan": tan, "across": tan * _SIZE[0] / _SIZE[1]}
 
 
 _FRAME, _IDLE = 1 / 30, 0.1  # [s]
-_STEP = 1e-3
+_SLIDER_STEP = 1e-3
 
 
 class Controls:
@@ -280,7 +288,8 @@ class Controls:
         self._gui = view.server.gui
         self._last = clock()
         self._playing = False
-        self._following = False  # whether sliders follow the robot, and do not lead it
+        # Whether sliders follow the robot instead of leading it.
+        self._following = False
         if view.content.safest:
             self._gui.add_markdown(f"**Safest: {view.content.safest}**")
         if view.content.paths:
@@ -303,7 +312,7 @@ class Controls:
         return _FRAME
 
     def _add_play_bar(self) -> None:
-        self.bar = self._gui.add_slider("path", 0.0, 1.0, _STEP, 0.0)
+        self.bar = self._gui.add_slider("path", 0.0, 1.0, _SLIDER_STEP, 0.0)
         self._button = self._gui.add_button("Play")
         self._speed = self._gui.add_slider("speed", 0.1, 3.0, 0.1, 1.0)
         self.bar.on_update(lambda _: None if self._following else self.go_to(self.bar.value))
@@ -319,7 +328,7 @@ class Controls:
         """Bring the robots to a fraction of their paths, and all sliders with them."""
         self._view.go_to(share)
         self._following = True
-        self.bar.value = round(share / _STEP) * _STEP
+        self.bar.value = round(share / _SLIDER_STEP) * _SLIDER_STEP
         robot = self._view.content.robot
         for slider, value in zip(self.joints, np.clip(self._view.q, robot.lower, robot.upper), strict=True):
             slider.value = float(value)
