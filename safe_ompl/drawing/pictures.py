@@ -421,7 +421,7 @@ def _captions(content: ViewerContent, name: str, way: FloatArray, shares: FloatA
         found = checker.clearance(q)
         facts = [] if dangers is None else [f"danger {dangers[k]:.1f}"]
         facts += [] if found.obstacle is None else [f"{1e3 * found.distance:.0f} mm to {found.obstacle}"]
-        captions.append("\n".join([", ".join(facts), "; ".join(content.facts(name)[:-1])]))
+        captions.append("\n".join([f"here: {', '.join(facts)}", *content.facts(name)[:-1]]))
     return captions
 
 

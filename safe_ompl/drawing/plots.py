@@ -339,7 +339,7 @@ def plot_profiles(
             _draw_profile(upper, name, profiles[name], styles[name])
         upper.set(xlabel=ALONG, ylabel=DANGER, xlim=(0.0, 1.0))
         set_title(figure, title)
-        add_legend_above(upper, 10.0, handlelength=2.6)
+        add_legend_above(upper, 10.0, handlelength=2.6, ncols=2)
         note = f"line: mean, band: {_BAND[0]} to {_BAND[1]} % of the runs"
         upper.text(0.99, 0.03, note, ha="right", color=GREY, fontsize=9, transform=upper.transAxes)
         for k, name in enumerate(small):
