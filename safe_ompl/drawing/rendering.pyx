@@ -287,7 +287,8 @@ cdef class Shading:
         cdef double x = uy * vz - uz * vy, y = uz * vx - ux * vz, z = ux * vy - uy * vx
         cdef double length = max(sqrt(x * x + y * y + z * z), 1e-12)
         cdef double side = 25 * rint(2 * x / length) + 5 * rint(2 * y / length) + rint(2 * z / length)
-        return 1000 * self.owners[face] + <Py_ssize_t> side + 62
+        # It is no number where a vertex is none.
+        return 1000 * self.owners[face] + (<Py_ssize_t> side + 62 if isfinite(side) else 0)
 
     cdef void _shade(self, Py_ssize_t face, const double *ray, double *colour) noexcept nogil:
         """Write the colour (3,) of a triangle where a ray meets it."""

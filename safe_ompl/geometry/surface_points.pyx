@@ -7,8 +7,15 @@ import numpy as np
 from safe_ompl.common import InputError
 
 
-cdef Py_ssize_t _steps(double length, double step) noexcept nogil:
-    return max(<Py_ssize_t> 1, <Py_ssize_t> ceil(length / step - 1e-9))
+# More steps along a surface would take more points than a machine has memory for.
+cdef double MOST_STEPS = 1e6
+
+
+cdef Py_ssize_t _steps(double length, double step) except -1:
+    """Return in how many steps, at least one, to go along a length [m]; raise InputError if there are too many."""
+    if not length <= MOST_STEPS * step:
+        raise InputError(f"a length of {length:g} m has no points in steps of {step:g} m")
+    return <Py_ssize_t> max(1.0, ceil(length / step - 1e-9))
 
 
 cdef int _check_spacing(double spacing) except -1:
