@@ -159,7 +159,8 @@ def test_short_runs_are_sent_together_and_those_beside_a_lost_one_once_more():
 @pytest.mark.parametrize("error", [PlanningError("edge 3 is not proven free"), RuntimeError("no; not\nthis one")])
 def test_what_goes_wrong_in_a_run_is_of_that_run_and_logged_here(scenario, setup, monkeypatch, caplog, workers, error):
     def refuse(self, planner, **options):
-        raise error
+        # An error that was raised holds the setup by its traceback, and pytest holds the parameter to the end.
+        raise type(error)(str(error))
 
     monkeypatch.setattr(SafeSetup, "plan", refuse)
     failed = list(Campaign(scenario, PLANNERS, runs=1).results(setup, workers))
