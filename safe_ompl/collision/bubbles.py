@@ -23,8 +23,11 @@ from safe_ompl.common import BoolArray, FloatArray
 from safe_ompl.geometry import DISTANCE_ERROR
 
 _TINY = 1e-200
-INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`planning/planners/printed.py`)
-_HALF_TURN = 3.1  # [rad] as far as a joint that wraps goes: at π both ways back are the same
+# Contact is possible on the boundary of a bubble, so motions stay within this share of the bubble
+# (`planning/planners/printed.py`).
+INSIDE = 0.99
+# A joint that wraps goes no farther in a bubble. At π both directions back would be as long.
+_HALF_TURN = 3.1  # [rad]
 
 
 def common_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:

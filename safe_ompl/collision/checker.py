@@ -87,10 +87,12 @@ class CollisionChecker:
         self.links = robot.shared.body_links
         self.revision = 0
         self.changes = Changes()
-        self._pair_sets: dict[float, PairSet] = {}  # by the reach that they are of
+        # The sets of pairs by their reach.
+        self._pair_sets: dict[float, PairSet] = {}
         self.pairs = self.pairs_within(0.0)
 
-    def __reduce__(self) -> tuple[Any, ...]:  # it is made anew, and its counts begin at zero
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A copy is made anew, and its counts begin at zero.
         return partial(CollisionChecker, movable=tuple(self.movable)), (self.robot, self.scene)
 
     def __repr__(self) -> str:

@@ -25,7 +25,8 @@ class SceneGeometry:
         self.movable = frozenset(scene[name].name for name in movable)
         self.touched_by = {obstacle.name: obstacle.touched_by for obstacle in scene if obstacle.touched_by}
         self.names, self.parts = list(robot.shared.body_links), list[Part]()
-        self._own: list[list[Part]] = []  # of each obstacle, in its frame
+        # The parts of each obstacle, in the obstacle's frame.
+        self._own: list[list[Part]] = []
         self._first: list[int] = []  # of these in `parts`
         for obstacle in scene.obstacles:
             own = obstacle.shape.parts()

@@ -39,7 +39,8 @@ FLOOR = 5e-6
 
 # Coefficients c_k (n,) of a motion q(t) = Σ_k c_k t^k, t in [0, 1]; of an edge its start and the way to its end.
 Curve: TypeAlias = Sequence[FloatArray]
-Interval: TypeAlias = tuple[float, float]  # centre and half-length, fractions of a motion
+# The centre and the half-length of an interval, as fractions of a motion.
+Interval: TypeAlias = tuple[float, float]
 
 
 class Verdict(Enum):
@@ -138,7 +139,8 @@ class MotionProver:
         object.__setattr__(self, "limits", tuple(self.limits))
         object.__setattr__(self, "required", self.separation.required(self.checker))
 
-    def __reduce__(self) -> tuple[Any, ...]:  # all but what says that time is up
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A copy has all but the predicate that ends proofs.
         kept = partial(MotionProver, separation=self.separation, limits=self.limits)
         return kept, (self.checker, self.floor)
 
@@ -338,7 +340,8 @@ class MotionProver:
                 if curved or half != asked:
                     approach = pairs.radii @ speeds_about(curve, t, half)
                     margins, asked = half * approach + required.provable, half
-                    margins.setflags(write=False)  # so that queries see that it does not change
+                    # Queries rely on read-only margins not changing.
+                    margins.setflags(write=False)
                 q = place(curve, t)
                 if pairs.within_margins(q, margins):
                     if t not in known_free and checker.touches(q):

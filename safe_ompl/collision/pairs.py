@@ -84,7 +84,8 @@ class PairTable:
             found = pair_bounds(reaches.joined(self._obstacles).table, pairs, distance)
         self._lower[k, m] = np.maximum(self._lower[k, m], found)
         near, exact = found < distance, self._obstacles.exact[k]
-        self._upper[k[near], m[near]] = np.nextafter(distance, 0.0)  # of these that is all that is known
+        # Of near pairs nothing more than this bound is known.
+        self._upper[k[near], m[near]] = np.nextafter(distance, 0.0)
         for c in np.flatnonzero(near & ~exact).tolist():
             bodies = parts[k[c]], cylinders[m[c]]
             placed = ((b.geometry, coal.Transform3s(b.placement.rotation, b.placement.translation)) for b in bodies)
@@ -182,7 +183,8 @@ class PairSet:
     def bounds(self) -> DistanceBounds:
         """Lower bounds of the distances of the pairs, which prove most motions without a query."""
         known = self._bounds
-        if known is None:  # no cached property: while that is computed Python holds a lock of all its instances
+        # A cached property would hold a lock of all instances while it is computed.
+        if known is None:
             with self.changes.none():
                 bodies = self._table.convex_bodies
                 known = DistanceBounds(self._robot, bodies, self.bodies, self._joint_radii, self._counts)
@@ -292,7 +294,8 @@ def _in_joint_frames(robot: Robot, Q: FloatArray, joints: IntArray, places: Floa
     """Return places (C, 3) in the world in the frames of joints (C,), by Pinocchio's numbers, at `Q: (C, n)`."""
     rotations, origins, _ = robot.joint_frames(Q)
     local = places.copy()
-    carried = np.flatnonzero(joints)  # the others are in the frame of the world
+    # All other bodies are in the frame of the world.
+    carried = np.flatnonzero(joints)
     at = carried, joints[carried] - 1
     local[carried] = np.einsum("cxy,cx->cy", rotations[at], places[carried] - origins[at])
     return local

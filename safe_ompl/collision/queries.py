@@ -14,7 +14,8 @@ from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.geometry import DISTANCE_ERROR
 from safe_ompl.robot import Robot
 
-_SPARE = 1e-4  # [m] apart, and more than coal's distances are off by
+# A distance of trees that is asked for first. It is more than the error of coal's distances.
+_SPARE = 1e-4  # [m]
 _DISTANCE = coal.DistanceRequest()
 
 
@@ -73,13 +74,15 @@ class CoalPairs:
         """Return how near each other the bodies of a pair are."""
         first, second = map(self.placed, self._pairs[pair])
         tree, result = isinstance(second[0], coal.OcTree), coal.DistanceResult()
-        for seed in (_SPARE, inf) if tree else (inf,):  # of trees in contact what is farther need not be looked at
+        for seed in (_SPARE, inf) if tree else (inf,):
+            # Trees in contact are found without looking at what is farther away.
             result.min_distance = seed
             coal.distance(*_posed(*first), *_posed(*second), _DISTANCE, result)
             if result.min_distance < seed:
                 break
         points, normal = np.array([result.getNearestPoint1(), result.getNearestPoint2()]), np.array(result.normal)
-        if tree:  # in whichever order coal is given the two, the tree comes first
+        # Coal puts the tree first in whichever order it is given the two.
+        if tree:
             points, normal = points[::-1], -normal
         return Nearest(float(result.min_distance), points, normal)
 

@@ -17,8 +17,10 @@ from safe_ompl.scene import Scene
 
 _log = logging.getLogger(__name__)
 
-_POINT = 1e-6  # [m] radius of the ball that stands for a point in a query
-_ON = 1e-9  # [m] what is this near to a hull is on it
+# The radius of the ball that stands for a point in a query.
+_POINT = 1e-6  # [m]
+# A point that is this near to a hull is on the hull.
+_ON = 1e-9  # [m]
 _BLOCK = 2048  # points at once
 
 

@@ -142,7 +142,8 @@ class Separation:
         speeds, time = self.speeds, self.time
         kept_from = () if self.min_clearance is None else self.min_clearance.obstacles
         for name in (*speeds, *kept_from):
-            checker.scene[name]  # raises where there is none
+            # This raises an error if there is no such obstacle.
+            checker.scene[name]
         pairs = checker.pairs_within(self.reach + self.swing(checker))
         wanted, kept = self.min_clearance, pairs.margins(self.margin)
         if wanted is not None:
@@ -175,7 +176,8 @@ class Separation:
 
 
 TOUCHING_ONLY: Separation = Separation()
-_SPARE = ALLOWANCE - DISTANCE_ERROR  # [m] Queries add the latter; together it is what distance bounds keep.
+# Queries add the distance error, so that they require what distance bounds require.
+_SPARE = ALLOWANCE - DISTANCE_ERROR  # [m]
 
 
 class RequiredDistances:

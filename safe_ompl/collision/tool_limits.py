@@ -13,8 +13,10 @@ from safe_ompl.collision.motion import MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, finite_array, float_array, motion_ends, number
 from safe_ompl.robot import Robot
 
-_FLOOR = 1e-4  # [rad or m] a motion that keeps less from its limit than about this stays undecided
-_ROUNDING = 1e-9  # [rad or m] of kinematics; what is proven keeps this from its limit
+# A motion that comes nearer to its limit than about this stays undecided.
+_FLOOR = 1e-4  # [rad or m]
+# The rounding of kinematics. A proven motion keeps this distance from its limit.
+_KINEMATICS_ROUNDING = 1e-9  # [rad or m]
 _LEAST_LENGTH = 1e-9  # of a direction
 
 
@@ -48,7 +50,7 @@ class ToolLimit(ABC):
 
     def holds_within(self, q: FloatArray, steps: FloatArray) -> bool:
         """Return whether the limit is proven to be kept while the joints are within `steps: (n,)` of `q: (n,)`."""
-        return self.excess(q) + float(self.rates @ steps) + _ROUNDING <= 0.0
+        return self.excess(q) + float(self.rates @ steps) + _KINEMATICS_ROUNDING <= 0.0
 
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between two configurations (n,); raise InputError for others.
@@ -60,14 +62,16 @@ class ToolLimit(ABC):
         delta = self.robot.difference(first, last)
         change = float(self.rates @ np.abs(delta))
         witness = (self.name, "its limit")
-        unproven: list[tuple[float, float, float]] = []  # a heap, the interval with the worst centre first
-        intervals = [(0.0, 0.0), (1.0, 0.0), (0.5, 0.5)]  # most of what is refused is refused at an end
+        # A heap with the interval of the worst centre on top.
+        unproven: list[tuple[float, float, float]] = []
+        # Most refused motions are refused at one of their ends.
+        intervals = [(0.0, 0.0), (1.0, 0.0), (0.5, 0.5)]
         while True:
             for t, half in intervals:
                 excess = self.excess(first + t * delta)
                 if excess > 0.0:
                     return MotionVerdict(Verdict.BLOCKED, t, witness)
-                if excess + half * change + _ROUNDING > 0.0:
+                if excess + half * change + _KINEMATICS_ROUNDING > 0.0:
                     heappush(unproven, (-excess, t, half))
             if not unproven:
                 return MotionVerdict(Verdict.FREE)
@@ -194,8 +198,10 @@ def _turning_rates(robot: Robot, axis: FloatArray) -> FloatArray:
     """
     chain = robot.shared.chain
     rates = np.zeros(len(chain.parents))
-    tool: FloatArray = robot.tip_placement.rotation @ axis  # in the frame of the joint that carries the tip
-    low = high = 0.0  # angles that the tool can have with `tool`
+    # The axis of the tool in the frame of the joint that carries the tip.
+    tool: FloatArray = robot.tip_placement.rotation @ axis
+    # The tool's axis makes angles in this range with `tool`, whatever the joints beyond.
+    low = high = 0.0
     for i in chain.path_to_root(robot.tip_joint):
         if not chain.prismatic[i]:
             between = _angle(tool, chain.axes[i])
@@ -203,7 +209,7 @@ def _turning_rates(robot: Robot, axis: FloatArray) -> FloatArray:
             rates[i] = 1.0 if low <= np.pi / 2 <= high else max(np.sin(low), np.sin(high))
             tool = chain.axes[i]
         tool = chain.placements[i].rotation @ tool
-    return np.minimum(1.0, rates + _ROUNDING * (rates > 0))
+    return np.minimum(1.0, rates + _KINEMATICS_ROUNDING * (rates > 0))
 
 
 def _angle(a: FloatArray, b: FloatArray) -> float:

@@ -44,10 +44,13 @@ RATE_BOUNDS: dict[str, dict[str, Any]] = {
 No arm is faster, so that a larger limit is a mistake; rates may be above the least ones by 1 % (`docs/proofs.md`).
 """
 
-_LISTED = 12  # numbers of an array in a message
+# A message shows at most this many numbers of an array.
+_LISTED = 12
 _SEEDS = 2**32
-_FLOAT = np.dtype(np.float64)  # compared with ==: what kernels return has an equal one
-_LONGEST_LINE = 1000  # characters of a name or of a remark
+# Types are compared with ==, since arrays of kernels have an equal type, not the same object.
+_FLOAT = np.dtype(np.float64)
+# The longest name or remark, in characters.
+_LONGEST_LINE = 1000
 _DEEPEST = 20  # levels of `plain` data
 _folder: ContextVar[Path | None] = ContextVar("folder", default=None)
 
@@ -83,12 +86,14 @@ def number(
     For the message: `name` says what the value is, `kind` what sort of number it is ("length", "number of seconds").
     """
     if type(value) is float and above is at_least is at_most is None and math.isfinite(value):
-        return value  # as nearly all are; the rest takes five times as long
+        # Nearly all values end here. The general way takes five times as long.
+        return value
     plain = _scalar(value)
     if isinstance(plain, Real) and not isinstance(plain, bool):
         try:
             result = float(plain)
-        except OverflowError:  # a whole number that no float holds
+        except OverflowError:
+            # The whole number is too large for a float.
             result = math.inf
         if (
             math.isfinite(result)
@@ -485,5 +490,6 @@ def _not_finite(array: FloatArray) -> str:
 def _is_finite(value: Any) -> bool:
     try:
         return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-    except OverflowError:  # an int that no float holds
+    except OverflowError:
+        # The integer is too large for a float.
         return False

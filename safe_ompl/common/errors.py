@@ -8,7 +8,8 @@ from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
-_SHOWN = 200  # characters of a value in a message
+# A message shows at most this many characters of a value.
+_SHOWN = 200
 
 
 def cut(text: str) -> str:
@@ -88,7 +89,8 @@ class UnknownNameError(InputError):
 
 def did_you_mean(name: object, known: Iterable[str]) -> str:
     """Return a question about the known name that is most like a wrong one, whatever its case; empty if none is."""
-    import difflib  # only where a name is wrong
+    # Only a wrong name needs this module.
+    import difflib
 
     folded = {other.casefold(): other for other in known}
     close = difflib.get_close_matches(str(name).casefold(), folded, n=1)

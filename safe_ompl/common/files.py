@@ -35,9 +35,12 @@ if TYPE_CHECKING:
     _Loader = yaml.SafeLoader
 else:
     _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # six times as fast
-_DEEPEST = 100  # levels of lists and mappings in one another
-_MOST_COPIES = 100_000  # nodes that aliases stand for: 1 kB of them may stand for any number
-_MOST_BITS = 1024  # of a whole number; Python takes minutes to write longer ones
+# The deepest nesting of lists and mappings.
+_DEEPEST = 100
+# The most nodes that aliases may stand for. 1 kB of aliases could stand for any number of nodes.
+_MOST_COPIES = 100_000
+# The most bits of a whole number. Python takes minutes to write longer ones.
+_MOST_BITS = 1024
 _BROKEN = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 MALFORMED = (*_BROKEN, MemoryError, RecursionError)
 """What goes wrong where code that expects a document gets anything else."""
@@ -105,7 +108,8 @@ def parse_json(content: str, first: int = 1, *, finite: bool = False) -> Any:
         raise InputError(f"malformed JSON: {error.msg}", f"line {first - 1 + error.lineno}") from None
     except RecursionError:
         raise InputError("malformed JSON: nested too deeply") from None
-    except ValueError as error:  # a whole number of thousands of digits
+    except ValueError as error:
+        # The file has a whole number of thousands of digits.
         raise InputError(f"malformed JSON: {cut(str(error))}") from None
 
 
@@ -194,7 +198,8 @@ def _check_size(content: str) -> None:
 
     The C parser would overrun its stack; what is merged (`<<`) is copied; and messages show all that is in a value.
     """
-    open_nodes: list[tuple[str | None, list[int]]] = [(None, [0, 0])]  # anchor; nodes and levels within
+    # The anchor of each open node, and how many nodes and levels are in it.
+    open_nodes: list[tuple[str | None, list[int]]] = [(None, [0, 0])]
     known: dict[str | None, list[int]] = {}
     copies = 0
 
@@ -230,7 +235,8 @@ def _check_size(content: str) -> None:
                     refuse(event, f"aliases stand for more than {_MOST_COPIES} nodes")
                 add(nodes, levels, event)
     except yaml.YAMLError:
-        return  # who reads it says what is wrong
+        # The reader of the document says what is wrong.
+        return
 
 
 @contextmanager
@@ -248,7 +254,8 @@ def replacing(file: str | Path, *, binary: bool = False) -> Iterator[Any]:
             with path.open("wb" if binary else "w", **text) as stream:
                 yield stream
             return
-        place = path.resolve()  # what a link points to is replaced, not the link
+        # The file that a link points to is replaced, not the link.
+        place = path.resolve()
         draft = place.with_name(f".{token_hex(6)}{place.suffix}")
         with draft.open("xb" if binary else "x", **text) as stream:
             if place.exists():
@@ -299,7 +306,8 @@ class _StrictLoader(_Loader):
             value = super().construct_object(node, deep)
             if isinstance(value, int) and value.bit_length() > _MOST_BITS:
                 raise ValueError
-        except _BROKEN:  # 2026-13-45 is no date, 0x_ no number; `!!bool maybe`
+        except _BROKEN:
+            # Examples are 2026-13-45, which is no date, 0x_, which is no number, and `!!bool maybe`.
             kind = node.tag.rpartition(":")[2]
             raise yaml.constructor.ConstructorError(
                 None, None, f"no {kind}, to be quoted if it is text: {node.value!r}", node.start_mark

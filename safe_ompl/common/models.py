@@ -64,12 +64,17 @@ class Counts:
     """Numbers of queries of the whole robot, shared by the models of one planning problem."""
 
     nodes: int = 0  # That the planner kept
-    collision_queries: int = 0  # Yes or no, without margin
-    margin_queries: int = 0  # Yes or no, with security margins (proofs of motions)
-    bound_queries: int = 0  # Places of motions at which bounds of distances were looked at (proofs); not by coal
+    # Collision queries without margin.
+    collision_queries: int = 0
+    # Collision queries with security margins, for proofs of motions.
+    margin_queries: int = 0
+    # The places of motions at which bounds of distances were computed for proofs, without coal.
+    bound_queries: int = 0
     distance_queries: int = 0
-    field_configurations: int = 0  # At which the danger field was evaluated
-    field_points: int = 0  # Sum over these of the danger points that were looked at
+    # The configurations at which the danger field was evaluated.
+    field_configurations: int = 0
+    # The number of danger points that were evaluated, summed over these configurations.
+    field_points: int = 0
 
     @property
     def queries(self) -> int:

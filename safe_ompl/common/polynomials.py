@@ -14,7 +14,8 @@ import numpy as np
 from safe_ompl.common.documents import FloatArray
 
 EPS = float(np.finfo(np.float64).eps)
-_CLOSE = 1e-9  # of the largest coefficient: how near a proven maximum is to a value that is taken
+# A proven maximum is this near to a value that the polynomial takes, relative to the largest coefficient.
+_CLOSE = 1e-9
 
 
 @cache

@@ -20,8 +20,10 @@ from safe_ompl.common.errors import InputError, pass_on
 
 _Task = TypeVar("_Task")
 _Outcome = TypeVar("_Outcome")
-_FIRST = 16  # tasks that an executor is sent one by one, and the most that it is sent together
-_WORTH = 0.5  # [s] of work in what it is sent: dask takes some 10 ms to send it
+# This many tasks are sent to an executor one by one. At most as many are sent together.
+_FIRST = 16
+# How much work is sent together. Dask takes some 10 ms to send it.
+_WORTH = 0.5  # [s]
 
 
 def in_order(
@@ -65,7 +67,8 @@ def _by_executor(
                 seconds.append(taken / len(batch))
             except (InputError, BrokenExecutor):
                 raise
-            except Exception as error:  # such as one of dask, that the tasks have ended several workers
+            except Exception as error:
+                # An example is dask's error that the tasks have ended several workers.
                 if len(batch) > 1:
                     outcomes = list(_by_executor(do, batch, executor, lost))  # one by one
                 else:
@@ -172,7 +175,8 @@ def _work(do: Callable[[int], object], pipe: Connection, others: Sequence[Connec
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
     logger = logging.getLogger("safe_ompl")
     logger.handlers, logger.propagate = [_LogPipe(pipe)], False
-    for other in others:  # inherited ends would keep the others from noticing that the parent has gone
+    for other in others:
+        # Inherited ends of pipes would keep the other workers from noticing that the parent has ended.
         other.close()
     while True:
         try:

@@ -18,10 +18,13 @@ from safe_ompl.danger.link_field import segment_bounds
 from safe_ompl.danger.static import chords
 from safe_ompl.robot import Robot
 
-_BATCH = 16  # intervals halved at once: many share the cost of a call, few are halved for nothing
+# This many intervals are halved at once. More share the cost of a call, fewer are halved for nothing.
+_BATCH = 16
 _ROUNDING = 1e-8  # of the arithmetic, relative
-_TOLERANCE = 0.05  # relative, of bounds of a peak
-_FLOOR = 1e-4  # [m] intervals in which the robot moves less are not halved any more
+# The relative tolerance of the bounds of a peak.
+_TOLERANCE = 0.05
+# Intervals in which the robot moves less than this are not halved.
+_FLOOR = 1e-4  # [m]
 _WITNESS = ("danger", "its limit")
 
 
@@ -150,7 +153,8 @@ class KeypointRates:
         steps = np.abs(robot.coupling.motions(deltas))[:, None, :]
         moved = steps * robot.bounds.joint_keypoint_radii
         turn = np.where(robot.joint_keypoint_support & ~robot.joint_prismatic, steps, 0.0)
-        below = np.cumsum(turn, axis=2) - turn  # Pinocchio counts joints from the base
+        # Pinocchio numbers joints from the base on.
+        below = np.cumsum(turn, axis=2) - turn
         return cls(
             moved.sum(axis=2),
             (moved * (2 * below + turn)).sum(axis=2),
@@ -179,7 +183,8 @@ class Sample:
     edge: int
     t: float
     danger: float
-    fields: FloatArray  # of links, and distances [m] from them, (2, L, M)
+    # The fields of links, and the distances [m] from them, (2, L, M).
+    fields: FloatArray
     lengths: FloatArray  # (L,)
     speed: FloatArray  # (K,)
     acceleration: FloatArray  # (K,)
@@ -190,7 +195,8 @@ class _Interval:
     first: Sample
     last: Sample
     upper: float
-    path: float  # [m] bound of how far the robot moves in it
+    # A bound of how far the robot moves in the interval.
+    path: float  # [m]
 
     @property
     def middle(self) -> float:
@@ -212,7 +218,8 @@ class PeakSearch:
         if not len(points):
             raise InputError("path must have a configuration at least, got none")
         _check_strokes(robot, points)
-        field = field.frozen()  # what is proven is of the same danger points from the beginning to the end
+        # The proof must be of the same danger points from its beginning to its end.
+        field = field.frozen()
         self._field, self._ceiling = field, ceiling
         points = points if len(points) > 1 else points[[0, 0]]
         self._starts, ends = points[:-1], points[1:]
@@ -222,7 +229,8 @@ class PeakSearch:
         self._stroke_rates = strokes.sum(axis=1)
         self._heap: list[tuple[float, int, _Interval]] = []
         self._undecided: list[_Interval] = []
-        self._settled = 0.0  # highest bound of the intervals that need no more halving; they are not kept
+        # The highest bound of the intervals that need no more halving. These intervals are not kept.
+        self._settled = 0.0
         self._order = count()
         for first in range(0, len(ends), _BATCH):
             edges = self._whole_edges(first, min(first + _BATCH, len(ends)))
@@ -298,7 +306,8 @@ class PeakSearch:
         """Return dangers (B,), fields and distances (B, 2, L, M), and lengths (B, L) for key points (B, K, 3)."""
         fields, distances = self._field.link_fields(points)
         pairs, factors = self._field.links, self._field.factors
-        if factors is None:  # what each link's unit field is multiplied by
+        # The factor of the unit field of each link.
+        if factors is None:
             lengths: FloatArray = np.linalg.norm(points[:, pairs[:, 1]] - points[:, pairs[:, 0]], axis=2)
         else:
             lengths = np.broadcast_to(factors, (len(points), len(pairs)))

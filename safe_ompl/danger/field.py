@@ -33,7 +33,8 @@ from safe_ompl.scene import Scene
 
 Aggregate: TypeAlias = Literal["max", "mean", "softmax"]
 AGGREGATES: tuple[Aggregate, ...] = ("max", "mean", "softmax")
-_LEAD = 0.25  # [s] k₂/k₁ of the authors' own code
+# k₂/k₁ in the code of the authors of the field.
+_LEAD = 0.25  # [s]
 
 
 @dataclass(frozen=True)

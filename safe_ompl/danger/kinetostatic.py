@@ -122,7 +122,8 @@ class KinetostaticField:
         field.count(len(places), len(field.points))
         state, isotropic = (plain(places), plain(velocities), field.links, plain(field.points)), self.gamma > 0
         static, ahead, around = moving.link_terms(*state, self._by_length, isotropic)
-        with np.errstate(invalid="ignore"):  # on a segment: ∞, whatever the motion
+        with np.errstate(invalid="ignore"):
+            # On a segment the field is infinite, whatever the motion.
             levels: FloatArray = field.k1 * static + self.k2 * (ahead + self.gamma * around)
             return levels
 

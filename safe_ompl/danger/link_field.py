@@ -32,7 +32,8 @@ from safe_ompl.robot import plain
 
 Weighting: TypeAlias = Literal["unit", "length"]
 WEIGHTINGS: tuple[Weighting, ...] = ("unit", "length")
-_GROUP = 64  # danger points in a group at most
+# A group has at most this many danger points.
+_GROUP = 64
 
 
 def columns(points: FloatArray) -> FloatArray:

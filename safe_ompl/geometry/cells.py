@@ -10,7 +10,8 @@ import numpy as np
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.geometry.convex import NODE, Records
 
-_SINGLE = 1.2e-7  # relative rounding of single precision, in which coal keeps its trees
+# The relative rounding of single precision, in which coal keeps its trees.
+SINGLE_ROUNDING = 1.2e-7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,7 +39,8 @@ class Voxels:
         codes, corners = codes[order], axes.T[order]
         firsts = [np.flatnonzero(np.diff(codes >> 3 * level, prepend=-1)) for level in range(depth + 1)]
         first, level = np.concatenate(firsts), np.repeat(np.arange(depth + 1), list(map(len, firsts)))
-        order = np.lexsort((-level, first))  # each before those in it
+        # A cell comes before the cells in it.
+        order = np.lexsort((-level, first))
         first, level = first[order], level[order]
         begins = codes[first] >> 3 * level << 3 * level
         nodes = np.zeros(len(order), NODE)
@@ -56,7 +58,7 @@ class Voxels:
     @property
     def rounding(self) -> float:
         """How far from where it should be coal has a face of a cell [m], at most."""
-        return _SINGLE * self.edge * (1.0 + float(np.abs(self.numbers).max()))
+        return SINGLE_ROUNDING * self.edge * (1.0 + float(np.abs(self.numbers).max()))
 
     @cached_property
     def _depth(self) -> int:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, IntArray, documents as document, float_array, key, warn_once
 from safe_ompl.geometry import surfaces
-from safe_ompl.geometry.cells import Voxels
+from safe_ompl.geometry.cells import SINGLE_ROUNDING, Voxels
 from safe_ompl.geometry.meshes import PLY_SURFACES, read_ply
 from safe_ompl.geometry.pose import LONGEST, Pose, placed
 from safe_ompl.geometry.shapes import Part, Shape, Sphere, array_digest
@@ -26,17 +26,25 @@ from safe_ompl.geometry.surfaces import Triangles
 
 _log = logging.getLogger(__name__)
 
-_MOST_BALLS = 32  # a larger cloud collides as one solid instead of one ball per point
+# A cloud of more points collides as one solid instead of one ball per point.
+_MOST_BALLS = 32
 _LEAST_RADIUS = 1e-4  # [m]
-_UNLIKELY = 50.0  # [m] from the origin for half of the points
-_FINEST = 0.125  # of the radius: cells below it would be many, and hardly tighter
-_FEW_CELLS = 5_000  # cells with points in them: for half a radius,
-_MANY_CELLS = 60_000  # and for all coarser ones
-_HALF_DEPTH = 1 << 15  # an OcTree of coal has this many cells on each side of its origin, along each axis
-_ROUNDING = 1e-9  # relative; a ball that comes this near to a cell counts as touching it
-_SINGLE = 1.2e-7  # relative rounding of single precision
-_TABLE = 1 << 25  # cells of a grid that is kept as a table
-_CORNERS = 6  # on every circle of a ball that is drawn
+# Where half of the points are farther from the origin than this, the unit is probably wrong.
+_UNLIKELY = 50.0  # [m]
+# The smallest edge of a cell, as a share of the radius. Smaller cells would be many, and hardly tighter.
+_FINEST = 0.125
+# The most cells with points in them whose edge is half a radius.
+_FEW_CELLS = 5_000
+# The most cells with points in them of any coarser edge.
+_MANY_CELLS = 60_000
+# An OcTree of coal has this many cells on each side of its origin, along each axis.
+_HALF_DEPTH = 1 << 15
+# A ball that is this near to a cell, relative to its radius, counts as touching it.
+_TOUCHING = 1e-9
+# A grid of at most this many cells is kept as a table.
+_TABLE = 1 << 25
+# A drawn ball has this many corners on every circle.
+_CORNERS = 6
 _MESSAGE_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # `datatype` of a PointCloud2
 
 
@@ -90,7 +98,8 @@ class PointCloud(Shape):
     points: ArrayLike | None = key(_points, default=None)
     resolution: float | None = key(document.number, default=None, at_most=LONGEST)
 
-    if TYPE_CHECKING:  # what is given, which becomes what the fields say
+    # Type checkers see the types of the arguments. The fields hold what the arguments are converted to.
+    if TYPE_CHECKING:
 
         def __init__(
             self,
@@ -189,7 +198,8 @@ class PointCloud(Shape):
     def triangles(self, resolution: int) -> Triangles:
         """Return coarse balls, in a large cloud one for each cell of a radius."""
         centres = self.centres
-        if len(centres) > _MOST_BALLS:  # the first in each cell
+        # Only the first point in each cell is kept.
+        if len(centres) > _MOST_BALLS:
             centres = centres[np.sort(np.unique(_cells_of(centres, self.radius)[0], return_index=True)[1])]
         corners, faces = Sphere(self.radius).triangles(_CORNERS)
         first = len(corners) * np.arange(len(centres), dtype=np.intp)
@@ -245,9 +255,10 @@ def touched_cells(centres: FloatArray, radius: float, edge: float) -> IntArray:
     extent = home.max(axis=0) + reach[-1] + 1 - low
     stride = np.array([extent[1] * extent[2], extent[2], 1])
     first = (home - low) @ stride
-    beyond = np.ascontiguousarray((centres - home * edge).T)  # (3, N), from 0 to edge
+    # The array has shape (3, N), and its numbers lie between 0 and the edge.
+    beyond = np.ascontiguousarray((centres - home * edge).T)
     # A coal tree rounds its extent to single precision: what it covers is grown by as much.
-    limit = (radius * (1 + _ROUNDING) + _SINGLE * edge * float(extent.max())) ** 2
+    limit = (radius * (1 + _TOUCHING) + SINGLE_ROUNDING * edge * float(extent.max())) ** 2
     # Squared distance, along each axis, of a ball's centre from the cells that are k cells away from its own.
     gaps = {k: np.square(np.maximum(np.maximum(k * edge - beyond, beyond - (k + 1) * edge), 0.0)) for k in reach}
     flat = _Numbers(int(extent.prod()))

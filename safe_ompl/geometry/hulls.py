@@ -21,11 +21,16 @@ from safe_ompl.geometry.pose import LONGEST
 
 _log = logging.getLogger(__name__)
 
-DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far off
-_JITTER = 1e-6  # of the body's size: enough to make corners that lie in one plane leave it
-_ROUNDING = 1e-9  # by which a hull is larger than computed
-_IN_PLANE = 1e-9  # [m], spread of vertices that lie in a plane
-_CORNERS = (2000, 1000, 500, 250, 120)  # how many directions pick the corners of a coarser hull
+# The largest error of coal's iterative distances.
+DISTANCE_ERROR = 1e-5  # [m]
+# The share of the body's size by which corners are moved, so that those in one plane leave the plane.
+_JITTER = 1e-6
+# A hull is made larger than computed by this share.
+_HULL_GROWTH = 1e-9
+# Vertices that spread by no more than this lie in a plane.
+_IN_PLANE = 1e-9  # [m]
+# Coarser and coarser hulls have their corners picked by this many directions.
+_CORNERS = (2000, 1000, 500, 250, 120)
 
 
 def triangle_tree(vertices: FloatArray, faces: IntArray) -> coal.BVHModelOBBRSS:
@@ -94,7 +99,7 @@ def _slightly_larger_hull(vertices: FloatArray, name: str) -> coal.Convex:
         reach, offsets = _reaches(hull, points)
         if offsets.min() <= 0:
             continue
-        factor = max(1.0, float((reach / offsets).max())) * (1 + _ROUNDING)
+        factor = max(1.0, float((reach / offsets).max())) * (1 + _HULL_GROWTH)
         grown = _hull_or_none(factor * np.array(hull.points()) + center)
         if grown is not None and np.subtract(*_reaches(grown, vertices)).max() <= 0.0:
             growth = (factor - 1) * float(np.linalg.norm(points, axis=1).max())
@@ -133,7 +138,8 @@ def _hull_or_none(points: FloatArray) -> coal.Convex | None:
     tree = _points(points)
     try:
         tree.buildConvexHull(True, "Qt")
-    except RuntimeError:  # too many neighbours, or too flat for Qhull
+    except RuntimeError:
+        # The hull has too many neighbours, or is too flat for Qhull.
         return None
     return tree.convex
 
@@ -145,7 +151,8 @@ def hull_planes(hull: coal.Convex) -> tuple[FloatArray, FloatArray]:
     a, b, c = (corners[triangles[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1)
-    thick = lengths > 1e-12 * lengths.max()  # the plane of a sliver is any plane
+    # A sliver says nothing of its plane.
+    thick = lengths > 1e-12 * lengths.max()
     normals = normals[thick] / lengths[thick, None]
     offsets = np.einsum("fc,fc->f", normals, a[thick])
     inward = offsets < normals @ corners.mean(axis=0)
@@ -160,12 +167,17 @@ def _reaches(hull: coal.Convex, points: FloatArray) -> tuple[FloatArray, FloatAr
     return np.max([(normals @ chunk.T).max(axis=1) for chunk in chunks], axis=0), offsets
 
 
-_FEW = 12  # vertices that are quicker looked at one by one
-_GRIDS = ((100, 4), (1000, 8), (np.inf, 12))  # cells by the number of vertices
-_COARSE = 2  # cells in which many vertices are thinned first
-_MANY, _MOST = 1000, 20_000  # vertices: from here on thinned first, and from here on only their box
+# Up to this many vertices are quicker looked at one by one than by lists.
+_FEW = 12
+# Up to each number of vertices lists are kept for so many cells along a side of the cube of directions.
+_GRIDS = ((100, 4), (1000, 8), (np.inf, 12))
+# The grid of cells by which many vertices are thinned first.
+_COARSE = 2
+# More vertices than the first number are thinned first; more than the second are replaced by their box.
+_MANY, _MOST = 1000, 20_000
 
-_FARTHEST = 1e6  # [m] from the origin: beyond are shapes without end
+# A shape with vertices farther from the origin than this counts as infinite.
+_FARTHEST = 1e6  # [m]
 _POINT, _NO_BOX, _ACROSS = np.zeros((1, 3)), (0.0, 0.0, 0.0), (1.0, 1.0, 0.0)
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 
@@ -208,7 +220,8 @@ def bounding_box(geometry: coal.CollisionGeometry) -> FloatArray:
     return np.concatenate([high + low, high - low], dtype=np.float64) / 2
 
 
-_EXACT = 2e-6  # [m], rounding of coal's trees up to which cells are as exact as coal
+# Cells are as exact as coal if the rounding of coal's trees is below this.
+_EXACT = 2e-6  # [m]
 _NO_NODES = np.zeros(0, NODE)
 
 
@@ -241,7 +254,8 @@ class ConvexBodies:
         """Return the bodies of a geometry model, each a `pin.GeometryObject`, or parts of shapes (`Part`)."""
         bodies, known = np.zeros(len(parts), BODY), [_summands(part.geometry) for part in parts]
         if parts:
-            bodies["joint"] = [getattr(part, "parentJoint", 0) for part in parts]  # parts of shapes are in the world
+            # Parts of shapes have no joint: their placement is in the world.
+            bodies["joint"] = [getattr(part, "parentJoint", 0) for part in parts]
             bodies["rotation"] = [part.placement.rotation for part in parts]
             bodies["translation"] = [part.placement.translation for part in parts]
             box, disc, ball, span = (

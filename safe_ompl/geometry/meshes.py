@@ -26,7 +26,8 @@ from safe_ompl.geometry.surfaces import Triangles
 MESH_ENDINGS = (".stl", ".obj", ".dae", ".ply")
 PLY_SURFACES = ("face", "tristrips")
 """Elements of a PLY file that make it a surface."""
-_AXES = {  # rotations that turn the axes of a COLLADA file so that its upward axis becomes z
+# These rotations turn the axes of a COLLADA file so that its upward axis becomes z.
+_AXES = {
     "X_UP": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
     "Y_UP": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
     "Z_UP": np.eye(3),
@@ -49,7 +50,8 @@ def read_ply(file: Path) -> plyfile.PlyData:
     """Return the content of a PLY file; raise InputError if it cannot be read or is cut off."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of elements that are empty
+            # The warnings are about empty elements.
+            warnings.simplefilter("ignore", UserWarning)
             return plyfile.PlyData.read(file)
     except (plyfile.PlyParseError, *files.MALFORMED, OSError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -101,7 +103,8 @@ class _Collada:
     def __init__(self, file: Path) -> None:
         self._file = file
         self._above: list[str] = []
-        self._units: list[str] = []  # as they are written, the file's own first
+        # The units as they are written, the file's own unit first.
+        self._units: list[str] = []
         self._ups: list[str] = []
         self._text: list[str] = []
         self._named: set[str] = set()

@@ -23,7 +23,8 @@ from safe_ompl.geometry.surfaces import Triangles
 SHAPES: dict[str, type[Shape]] = {
     shape.kind: shape for shape in (Box, Sphere, Cylinder, Capsule, Mesh, PointCloud, Person)
 }
-MOST_DANGER_POINTS = 1_000_000  # of a scene; a setup takes seconds for as many
+# The most danger points of a scene. A setup of this many points takes seconds.
+MOST_DANGER_POINTS = 1_000_000
 _KEYS = ("name", *SHAPES, *POSE_KEYS, "weight", "color", "touched_by")
 
 

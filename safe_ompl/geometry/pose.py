@@ -15,11 +15,16 @@ from safe_ompl.common import FloatArray, InputError, documents as document, fini
 
 _log = logging.getLogger(__name__)
 
-LONGEST = 1e4  # [m] of a size or a distance from the origin: what is larger is a slip of unit
-UNLIKELY = 100.0  # [m] from the origin of a robot's world: more is taken for millimetres, and said
-_FULL_TURN = 6.3  # [rad] more is taken for degrees, and said
-_ROUNDING = 1e-12  # a quaternion this close to unit length is left as it is
-_NORM_TOLERANCE = 1e-3  # one this close is brought to unit length; one farther off is a mistake
+# The largest size, or distance from the origin. A larger number is most likely in another unit.
+LONGEST = 1e4  # [m]
+# A place farther from the origin of a robot's world was most likely given in millimetres, which a warning says.
+UNLIKELY = 100.0  # [m]
+# A larger angle was most likely given in degrees, which a warning says.
+_FULL_TURN = 6.3  # [rad]
+# A quaternion whose norm is this close to 1 is left as it is.
+_UNIT_ROUNDING = 1e-12
+# A quaternion whose norm is this close to 1 is brought to unit length; any other is refused as a mistake.
+_NORM_TOLERANCE = 1e-3
 _NO_TURN = (0.0, 0.0, 0.0, 1.0)
 _TURNS = ("quaternion_xyzw", "rpy", "yaw")
 POSE_KEYS = ("position", *_TURNS)
@@ -59,7 +64,8 @@ class Pose:
     position: tuple[float, ...] = (0.0, 0.0, 0.0)
     quaternion_xyzw: tuple[float, ...] = _NO_TURN
 
-    if TYPE_CHECKING:  # what is given, which becomes what the fields say
+    # Type checkers see the types of the arguments. The fields hold what the arguments are converted to.
+    if TYPE_CHECKING:
 
         def __init__(self, position: ArrayLike = ..., quaternion_xyzw: ArrayLike = ...) -> None: ...
 
@@ -212,4 +218,4 @@ def _unit_quaternion(value: Any) -> tuple[float, ...]:
     norm = float(np.linalg.norm(quaternion))
     if abs(norm - 1) > _NORM_TOLERANCE:
         raise InputError(f"{quaternion.tolist()} must have length 1, not {norm:.4g}", "quaternion_xyzw")
-    return tuple((quaternion if abs(norm - 1) <= _ROUNDING else quaternion / norm).tolist())
+    return tuple((quaternion if abs(norm - 1) <= _UNIT_ROUNDING else quaternion / norm).tolist())

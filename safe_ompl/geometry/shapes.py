@@ -39,7 +39,8 @@ from safe_ompl.geometry.surfaces import Triangles
 
 _log = logging.getLogger(__name__)
 
-_FLAT = 1e-6  # [m]; a thinner mesh has no volume: broad-phase managers drop it in silence
+# A thinner mesh has no volume, and coal's broad-phase managers would drop it without a word.
+_FLAT = 1e-6  # [m]
 
 
 def _settle_boxes() -> None:
@@ -73,7 +74,8 @@ class Shape(Section, ABC):
     """What all shapes can do; the fields of a shape are its keys in YAML."""
 
     kind: ClassVar[str]
-    default_weight: ClassVar[float] = 0.0  # danger weight of an obstacle that gives none
+    # The danger weight of an obstacle whose weight is not given.
+    default_weight: ClassVar[float] = 0.0
 
     @abstractmethod
     def parts(self) -> list[Part]:
@@ -146,7 +148,8 @@ class Box(Shape):
     kind: ClassVar[str] = "box"
     size: tuple[float, ...] = key(document.numbers, count=3, above=0.0, at_most=LONGEST)
 
-    if TYPE_CHECKING:  # what is given, which becomes what the fields say
+    # Type checkers see the types of the arguments. The fields hold what the arguments are converted to.
+    if TYPE_CHECKING:
 
         def __init__(self, size: ArrayLike) -> None: ...
 
@@ -181,7 +184,8 @@ class _Revolved(Shape):
         """Return the rings of the surface: distance from the axis and height, shape (K, 2) [m]."""
 
     def most_danger_points(self, spacing: float) -> float:
-        along = np.pi * self.radius + getattr(self, "length", 0.0)  # from pole to pole, or more
+        # The length along the surface from pole to pole, or more.
+        along = np.pi * self.radius + getattr(self, "length", 0.0)
         return (along / spacing + 4) * (2 * np.pi * self.radius / spacing + 1)
 
     def danger_points(self, spacing: float) -> FloatArray:
@@ -299,7 +303,8 @@ class Mesh(Shape):
     scale: tuple[float, ...] = key(document.numbers, default=(1.0, 1.0, 1.0), count=3, above=0.0)
     convex: bool = key(document.flag, default=True)
 
-    if TYPE_CHECKING:  # what is given, which becomes what the fields say
+    # Type checkers see the types of the arguments. The fields hold what the arguments are converted to.
+    if TYPE_CHECKING:
 
         def __init__(self, file: str | Path, scale: ArrayLike = ..., convex: bool = ...) -> None: ...
 

@@ -96,7 +96,8 @@ def _mesh_steps(corners: FloatArray, spacing: float) -> FloatArray:
 
 def thinned(points: FloatArray, distance: float) -> FloatArray:
     """Walk through points in the order of x; return those that are not within `distance` of one kept before."""
-    rows = np.unique(points, axis=0)  # in the order of x
+    # np.unique sorts the points by x.
+    rows = np.unique(points, axis=0)
     ends = np.searchsorted(rows[:, 0], rows[:, 0] + distance * (1 + 1e-9), side="right")
     left = np.ones(len(rows), dtype=bool)
     kept: list[int] = []

@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-_THICKNESS = 2e-4  # [m] of the hulls of flat meshes, such as stickers
-_NO_MASS = 1e-6  # [kg] of rounding, and of links that must have some for a simulator
+# The hulls of flat meshes, such as stickers, are made this thick.
+_THICKNESS = 2e-4  # [m]
+# A smaller mass is rounding, or that of a link which has one only because a simulator needs it.
+_NO_MASS = 1e-6  # [kg]
 
 CollisionSource = Literal["required", "visual"]
 """Links without collision shapes do not collide, or their visual shapes do; some moving link must collide."""
@@ -62,11 +64,13 @@ def links_lacking_shapes(model: pin.Model, collide: frozenset[str], drawn: froze
     """
     frames, fixed = list(model.frames), pin.FrameType.FIXED_JOINT
     links = [frame for frame in frames if frame.type == pin.FrameType.BODY]
-    linked = {frame.parentFrame for frame in links}  # a model made by hand may have joints without links
+    # A model that was made by hand may have joints without links.
+    linked = {frame.parentFrame for frame in links}
     links += [f for k, f in enumerate(frames) if f.type == pin.FrameType.JOINT and k not in linked]
     shaped = {frame.parentJoint for frame in links if frame.name in collide | drawn}
     masses = [inertia.mass for inertia in model.inertias]
-    for frame in frames:  # of links on fixed joints, which have their mass
+    for frame in frames:
+        # These are links on fixed joints, which carry their mass.
         masses[frame.parentJoint] -= frame.inertia.mass if frame.type == fixed else 0.0
 
     def spans(joint: int) -> bool:
@@ -102,9 +106,12 @@ def make_convex(geometry: pin.GeometryModel) -> None:
 
 
 _SAMPLES = 1000
-_ALWAYS = 0.95  # share of the samples in contact from which a pair counts as always in contact
-_LARGEST = 1e3  # [rad or m] of the values of joints whose limits are none
-_NAMED = 6  # pairs in a warning; all of them in the log's details
+# A pair that is in contact in at least this share of the samples counts as always in contact.
+_ALWAYS = 0.95
+# Joints without limits are sampled up to this value.
+_LARGEST = 1e3  # [rad or m]
+# A warning names this many pairs. The log's details name all of them.
+_NAMED = 6
 
 
 def select_self_pairs(
@@ -142,7 +149,8 @@ def sample_configurations(
     velocities = rng.uniform(-np.pi, np.pi, (count, model.nv))
     neutral = pin.neutral(model)
     rows = np.array([pin.integrate(model, neutral, v) for v in velocities])
-    for joint in list(model.joints)[1:]:  # the first is the fixed base, which claims a coordinate it has not
+    for joint in list(model.joints)[1:]:
+        # The first joint is the fixed base, which claims a coordinate that it does not have.
         if joint.nq == 1:
             ends = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
             low, high = np.clip(np.nan_to_num(ends, posinf=np.pi, neginf=-np.pi), -_LARGEST, _LARGEST)

@@ -25,7 +25,8 @@ from safe_ompl.geometry import ConvexBodies, Hull, bounding_hull, turn_onto
 if TYPE_CHECKING:
     from safe_ompl.robot.forward_kinematics import ForwardKinematics
 
-_RATE_SAMPLES = range(1, 101, 4)  # points of Halton's sequence: always the same, and cheap enough
+# Rates are sampled at these points of Halton's sequence. They are the same on any machine, and few enough.
+_RATE_SAMPLES = range(1, 101, 4)
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -85,7 +86,8 @@ def _tables(cylinders: Sequence[ReachCylinder]) -> tuple[FloatArray, FloatArray,
     return vectors[:, 0].copy(), vectors[:, 1].copy(), lengths[:, 0].copy(), lengths[:, 1].copy()
 
 
-Regions = list[tuple[int, ReachCylinder]]  # joints (0-based), and where a body can be in their frames
+# Joints, counted from 0, and where a body can be in the frame of each.
+Regions = list[tuple[int, ReachCylinder]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -159,7 +161,8 @@ class JointChain:
         joints = zip(self.parents, self.placements, self.axes, strict=True)
         reaches = [self.point_reach(k, place.translation, place.rotation @ axis) for k, place, axis in joints]
         tables = _tables(reaches)
-        tables[3][np.array(self.parents) == 0] = np.inf  # axes that stay where they are go on along the center's
+        # An axis that no joint moves extends without end along the axis of its center.
+        tables[3][np.array(self.parents) == 0] = np.inf
         return tables
 
     def regions(self, joint: int, body: Hull) -> Regions:
@@ -259,7 +262,8 @@ class DisplacementBounds:
         """
         rotation, origins, axes = (f[0] for f in self._robot.joint_frames(self._robot.configuration(q)[None]))
         joints, corners, pads, support = self.body_corners
-        fixed = (joints == 0)[:, None, None]  # to the base: no joint moves them
+        # These bodies are fixed to the base, and no joint moves them.
+        fixed = (joints == 0)[:, None, None]
         carried = np.einsum("gij,gpj->gpi", rotation[joints - 1], corners) + origins[joints - 1][:, None]
         world = np.where(fixed, corners, carried)
         arms = world[:, None] - origins[:, None]

@@ -33,12 +33,15 @@ from safe_ompl.robot.parts import RobotParts
 
 _log = logging.getLogger(__name__)
 
-_FLOAT = np.dtype(np.float64)  # compared with ==: what kernels return has an equal one
-_WITHIN = 1e-9  # [rad or m] by which a value may be outside its limits
+# Types are compared with ==, since arrays of kernels have an equal type, not the same object.
+_FLOAT = np.dtype(np.float64)
+# A value may be outside its limits by this.
+_WITHIN = 1e-9  # [rad or m]
 # A robot that stands outside its joint limits by at most this begins at the limit. MoveIt clips starts by as much.
 START_TOLERANCE = 0.05  # [rad or m]
 _LARGEST = sys.float_info.max
-_SHORTEST = 1e-9  # interval of a motion in which joints that may leave their limits are taken to leave them
+# In an interval of a motion that is shorter than this, joints that may leave their limits count as leaving them.
+_SHORTEST = 1e-9
 
 
 class KinematicTree:
@@ -146,7 +149,8 @@ class ForwardKinematics:
         turning = np.array([joint.nq == 2 for joint in joints])
         first: IntArray = np.array([joint.idx_q for joint in joints], dtype=np.intp)
         self._turning, self._straight, self._circular = turning, first[~turning], first[turning]
-        self._plain = self.coupling.trivial and not turning.any()  # Pinocchio's form is our own
+        # Pinocchio's configurations are those of the package.
+        self._plain = self.coupling.trivial and not turning.any()
         self._chain = parts.chain
         self.joint_prismatic: BoolArray = self._chain.prismatic
 
@@ -258,7 +262,8 @@ class ForwardKinematics:
         """Return which joint is outside its limits at `q: (n,)`, with its value and these; None if none is."""
         for i in () if self.joint_limits.hold(q) else np.flatnonzero(~self.within_limits(q)):
             value, low, high = told_apart(q[i], self.lower[i], self.upper[i])
-            turned = np.radians(q[i])  # what is more than a turn, and fits so, was meant in degrees
+            # A value of more than a turn that fits the limits in degrees was most likely meant in degrees.
+            turned = np.radians(q[i])
             likely = abs(q[i]) > 2 * np.pi and self.lower[i] <= turned <= self.upper[i]
             hint = f"; degrees? {q[i]:g}° are {turned:.4g} rad" if likely and not self.prismatic[i] else ""
             return f"joint {self.joint_names[i]!r} = {value} is outside its limits [{low}, {high}]{hint}"

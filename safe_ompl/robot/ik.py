@@ -22,29 +22,45 @@ from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array, wh
 from safe_ompl.geometry import rotation_vectors
 from safe_ompl.robot.robot import Robot
 
-METRES_PER_RADIAN = 0.25  # c of `docs/how-it-works.md` §7: about the reach of a hand and what it holds
-_ORTHONORMAL = 1e-6  # largest error of a rotation matrix
-_UNIT = 1e-3  # quaternions whose norm is as near to 1 are normalised; others are taken for mistakes
+# c of `docs/how-it-works.md` §7, about the size of a hand with what it holds.
+METRES_PER_RADIAN = 0.25
+# The largest deviation of a given rotation matrix from an orthonormal one.
+_ORTHONORMAL = 1e-6
+# A quaternion whose norm is this close to 1 is normalised; any other is refused as a mistake.
+_UNIT = 1e-3
 
-_SINGULAR = 0.05  # [m/rad] singular values of J below this are damped,
-_DAMPING = 0.05  # [m/rad] by up to this much
+# Singular values of J below this are damped.
+_SINGULAR = 0.05  # [m/rad]
+# The largest damping of a singular value.
+_DAMPING = 0.05  # [m/rad]
 
 _SAMPLES = 50
-_FULL_TURN = 6.27  # [rad] many a URDF says 3.14 for π
+# A range from here on is a full turn: many URDF files write 3.14 for π.
+_FULL_TURN = 6.27  # [rad]
 
-_PRECISION = 1e-4  # [m] how near the tip must come to a place
-_ITERATIONS = 60  # of the inverse kinematics: nearly all solutions are found within 20
-_CAUTION = 0.05  # μ [1/rad²], damping per squared error; more is slower, less fails more often
-_REGULAR = 1e-9  # [m²/rad²] keeps singular matrices solvable
-_STALLED = 0.99  # an iteration that leaves more than this share of the error makes no progress,
-_PATIENCE = 4  # and after so many of them in a row the seed is given up
+# The tip must come this near to a target pose.
+_PRECISION = 1e-4  # [m]
+# The most iterations from a seed. Nearly all solutions are found within 20.
+_ITERATIONS = 60
+# The damping μ per squared error. More is slower, less fails more often.
+_CAUTION = 0.05  # [1/rad²]
+# This is added to the diagonal, so that singular matrices can be solved.
+_REGULAR = 1e-9  # [m²/rad²]
+# An iteration that leaves more than this share of the error makes no progress.
+_STALLED = 0.99
+# After this many iterations without progress in a row the seed is given up.
+_PATIENCE = 4
 
 # Batches of configurations (`Tip`).
-_REGULAR_BATCH = 1e-8  # [m²/rad²] keeps singular matrices solvable
-_LONGEST = 0.5  # [rad or m] of a step
+# This is added to the diagonal, so that singular matrices can be solved.
+_REGULAR_BATCH = 1e-8  # [m²/rad²]
+# The longest step of an iteration.
+_LONGEST = 0.5  # [rad or m]
 _BRANCH_SEEDS, _BRANCH_ITERATIONS, _BRANCH_PRECISION = 40, 40, 1e-7  # of `configurations_at`; [m]
-_PARALLEL = 1e-7  # sine of the angle below which axes count as parallel
-_SAME_BRANCH = 0.2  # [rad or m] configurations that differ by less are one branch
+# Axes count as parallel where the sine of the angle between them is below this.
+_PARALLEL = 1e-7
+# Configurations that differ by less belong to one branch.
+_SAME_BRANCH = 0.2  # [rad or m]
 
 
 class Place:
@@ -72,7 +88,8 @@ class Place:
 
     @cached_property
     def _sampled_jacobians(self) -> FloatArray:
-        robot, rng = self.robot, np.random.default_rng(0)  # always the same: they belong to the robot
+        # The seeds belong to the robot, so they are the same each time.
+        robot, rng = self.robot, np.random.default_rng(0)
         return np.array([self.jacobian(q) for q in rng.uniform(robot.lower, robot.upper, (_SAMPLES, robot.n))])
 
     def sample(self, rng: np.random.Generator) -> Place:
@@ -328,7 +345,8 @@ class Frames(NamedTuple):
     positions: FloatArray  # (S, 3) [m]
     rotations: FloatArray  # (S, 3, 3)
     velocities: FloatArray  # (S, 3) dc/ds
-    spins: FloatArray  # (S, 3) angular velocity by s, in world axes [rad/m]
+    # The angular velocities (S, 3) by s, in world axes [rad/m].
+    spins: FloatArray
 
 
 class TipState(NamedTuple):

@@ -16,10 +16,14 @@ from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError,
 _log = logging.getLogger(__name__)
 
 _MOST_JOINTS = 8  # of a finger
-_LONGEST = 0.25  # [m], from the first joint of a finger to the farthest frame that it carries
-_ALIKE = 2.0  # lengths of two fingers differ by no more than this factor,
-_SHORT = 0.05  # [m] shorter ones count as this long
-_LEAST_ARM = 4  # joints that move on their own; what is shorter than that is no arm on a torso
+# The longest finger, from its first joint to the farthest frame that it carries.
+_LONGEST = 0.25  # [m]
+# The lengths of two fingers of a hand differ by no more than this factor.
+_ALIKE = 2.0
+# A shorter finger counts as this long.
+_SHORT = 0.05  # [m]
+# A chain with fewer independent joints is no arm on a torso.
+_LEAST_ARM = 4
 
 # Words in names of joints that open and close a gripper, and of joints that are a wrist all the same.
 _FINGER = re.compile(r"finger|gripper|jaw|knuckle|thumb")
@@ -27,8 +31,10 @@ _WRIST = re.compile(r"wrist|roll|pitch|yaw")
 _PART_OF_FINGER = re.compile(r"finger|jaw|knuckle|thumb")
 # Words in names of links that are no end of an arm.
 _SENSOR = re.compile(r"camera|optical|accelerometer|gyro|lidar|laser|sensor|infra|depth|(^|_)(imu|range|rgb|scan)(_|$)")
-_UNLIMITED = float(np.finfo(np.float32).max)  # what this or more is limits nothing
-_LINK = " (link)"  # tells a link from a joint of the same name
+# A limit of this or more counts as none.
+_UNLIMITED = float(np.finfo(np.float32).max)
+# This is appended to the name of a link that has the name of a joint.
+_LINK = " (link)"
 
 
 @dataclass(frozen=True)
@@ -262,7 +268,8 @@ def check_plannable(model: pin.Model, source: str, stiff: Collection[str] = ()) 
 def apply_mimic_limits(model: pin.Model, mimics: Mapping[str, Mimic], source: str) -> None:
     """Narrow the limits of joints that others mimic, so that these keep to theirs."""
     known = {name: limits_of(model, name) for name in list(model.names)[1:]}
-    limits = {name: ends for name, ends in known.items() if ends is not None}  # of those that are not continuous
+    # Continuous joints have no limits.
+    limits = {name: ends for name, ends in known.items() if ends is not None}
     for name, mimic in mimics.items():
         if mimic.primary not in limits:
             raise InputError(f"joint {name!r} mimics {mimic.primary!r}, which is continuous: lock one of them", source)
@@ -290,7 +297,8 @@ def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]
     return lower, upper
 
 
-_ZERO_LENGTH = 1e-6  # [m]; joints at the same place, as on a spherical wrist
+# Joints that are nearer to each other, as on a spherical wrist, are at the same place.
+_ZERO_LENGTH = 1e-6  # [m]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -313,7 +321,8 @@ class RobotSkeleton:
         """Build the skeleton of `model`, whose locked joints are reduced to frames."""
         first, *others = (frame_index(model, tip) for tip in tips)
         on_chain = {frame for tip in (first, *others) for frame in _way_to_root(model, tip)}
-        named = reversed(list(enumerate(model.frames)))  # a joint, free or locked; a link may have the same name
+        # A frame of a joint, free or locked. A link may have the same name.
+        named = reversed(list(enumerate(model.frames)))
         of = {frame.name: k for k, frame in named if frame.type != pin.FrameType.BODY}
         frames = [of[name] for name in joint_names if of[name] in on_chain or model.existJointName(name)]
         frames += [*others, first]

@@ -22,7 +22,8 @@ from safe_ompl.robot.joints import Mimic, RobotSkeleton, frame_index, joint_limi
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 _SLIDES = (pin.JointModelPX, pin.JointModelPY)
 _NO_LIMIT = np.full(1, np.inf)
-_COLOR = np.array([0.55, 0.62, 0.7, 1.0])  # of objects in the gripper
+# The colour of objects in the gripper.
+_COLOR = np.array([0.55, 0.62, 0.7, 1.0])
 _SHAPES = (Box, Sphere, Cylinder, Capsule, Mesh)
 _KEYS = ("link", "touch_links", "touch_depth", "danger")
 
@@ -83,15 +84,20 @@ class RobotParts:
     """Models of the joints that are not locked, and what Pinocchio does not keep. Nobody changes them."""
 
     name: str  # for reports
-    source: str  # for errors: the file that the robot comes from, or its name
+    # The file that the robot comes from, or the robot's name, for error messages.
+    source: str
     model: pin.Model
-    collision_model: pin.GeometryModel  # with the pairs that are checked
+    # The collision geometry, with the pairs that are checked.
+    collision_model: pin.GeometryModel
     read_visual: Callable[[], pin.GeometryModel | None]
-    link_ends: tuple[str, ...]  # joints, locked ones included, that are key points of the skeleton
-    tips: tuple[str, ...]  # frames at the ends of arms, the robot's tip first
+    # The joints, locked ones included, that are key points of the skeleton.
+    link_ends: tuple[str, ...]
+    # The frames at the ends of arms. The robot's tip comes first.
+    tips: tuple[str, ...]
     mimics: Mapping[str, Mimic] = field(default_factory=dict)
     held: Mapping[str, float] = field(default_factory=dict)
-    bare_links: tuple[str, ...] = ()  # links, moving or not, that lack collision shapes
+    # The links, moving or not, that lack collision shapes.
+    bare_links: tuple[str, ...] = ()
     attached: tuple[Attachment, ...] = ()
 
     @cached_property
@@ -198,7 +204,8 @@ class RobotParts:
         points = np.concatenate([hull.points for hull in hulls])
         way = (points.min(axis=0) + points.max(axis=0)) / 2 - start
         length = float(np.linalg.norm(way))
-        if length < 1e-6:  # the key point is the middle of the object: any end will do
+        # The key point is the middle of the object, so either end will do.
+        if length < 1e-6:
             return np.asarray(points[np.linalg.norm(points - start, axis=1).argmax()])
         way = way / length
         return np.asarray(start + max(float(((hull.points - start) @ way).max()) + hull.radius for hull in hulls) * way)

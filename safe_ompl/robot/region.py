@@ -21,8 +21,10 @@ Bounds: TypeAlias = tuple[float, float]
 _ANGLES = ("roll", "pitch", "yaw")
 _ORIGIN = (0.0, 0.0)
 _FREE = (-np.pi, np.pi), (-np.pi / 2, np.pi / 2), (-np.pi, np.pi)
-_SWEEPS = 100  # over the three angles, in the search for the nearest orientation
-_SETTLED = 1e-9  # [rad] by which a sweep that ends the search changes an angle
+# The most sweeps over the three angles in the search for the nearest orientation.
+_SWEEPS = 100
+# The search ends after a sweep that changes no angle by more than this.
+_SETTLED = 1e-9  # [rad]
 
 
 def _bounds(key: str, given: Any) -> Bounds:

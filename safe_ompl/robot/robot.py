@@ -272,7 +272,8 @@ class Robot(ForwardKinematics):
         """A copy of Pinocchio's model of the joints that move, mimics included; changes do not reach the robot."""
         return self.shared.model.copy()
 
-    @cached_property  # always the same one: Pinocchio's GeometryData crashes if its model is gone
+    # Pinocchio's GeometryData crashes if its model is gone, so this is always the same one.
+    @cached_property
     def collision_model(self) -> pin.GeometryModel:
         """A copy of the bodies of the links, with the pairs that are checked; changes do not reach the robot."""
         return independent(self.shared.collision_model)
@@ -292,7 +293,8 @@ class Robot(ForwardKinematics):
         return f"Robot({self.name!r}, joints={list(self.joint_names)}, tip={self.tip!r}{unchecked}{held})"
 
 
-_DIGITS = 9  # nanometres and nanoradians: what is the same to the last bit is the same here, on any machine
+# Numbers are rounded to nanometres and nanoradians, so that the last bits, which differ between machines, do not count.
+_DIGITS = 9
 
 
 def robot_hash(robot: Robot) -> str:
@@ -336,4 +338,5 @@ def _size(shape: coal.CollisionGeometry) -> Any:
 
 
 def _numbers(values: ArrayLike) -> Any:
-    return (np.round(np.asarray(values, dtype=np.float64), _DIGITS) + 0.0).tolist()  # + 0.0: no negative zero
+    # Adding 0.0 turns a negative zero into zero.
+    return (np.round(np.asarray(values, dtype=np.float64), _DIGITS) + 0.0).tolist()

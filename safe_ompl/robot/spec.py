@@ -51,7 +51,8 @@ Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
 _ENDINGS = {"urdf": (".urdf", ".xml", ".xacro"), "srdf": (".srdf", ".xml", ".xacro")}
 _OF_FILES = ("srdf", "package_dirs", "xacro_args")
 _OF_ONE_ROBOT = (*_OF_FILES, "locked", "limits", "joint_limits", "group", "free")
-_GRIPPER_OPEN = 0.04  # [m] per finger of the Panda's hand
+# How far each finger of the Panda's hand is opened.
+_GRIPPER_OPEN = 0.04  # [m]
 
 
 @dataclass(frozen=True)

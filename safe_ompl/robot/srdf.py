@@ -120,7 +120,8 @@ class SrdfFile:
         for name in (group.get("name", "") for group in self._root.findall("group")):
             try:
                 joints = set(self.group_joints(name, full)).difference(fingers)
-            except InputError:  # of joints that this robot has not
+            except InputError:
+                # The group is one of joints that this robot does not have.
                 continue
             if joints and above.issuperset(joints):
                 groups[name] = len(joints)
@@ -221,7 +222,8 @@ def disabled_links(urdf: UrdfFile, samples: int, collision: str = "required") ->
 
 def srdf_text(robot: str, pairs: Iterable[DisabledLinks], samples: int) -> str:
     """Return an SRDF for the robot of that name; `samples` is said in a comment."""
-    from xml.sax.saxutils import quoteattr  # imports what talks to the net: only files that are written need it
+    # This imports modules for the network, which only the writing of files needs.
+    from xml.sax.saxutils import quoteattr
 
     disabled = "".join(
         f"  <disable_collisions link1={quoteattr(pair.first)} link2={quoteattr(pair.second)} "

@@ -228,7 +228,8 @@ def _buffer(n: int) -> tuple[FloatArray, Any]:
 
 def _coordinates(space: Any, state: Any) -> Iterator[float]:
     """Yield the coordinates of a state by OMPL's own indexing, part by part: slow, and sure."""
-    if isinstance(space, ob.SE2StateSpace):  # its states have names instead of parts
+    # States of SE2StateSpace have named coordinates instead of parts.
+    if isinstance(space, ob.SE2StateSpace):
         yield from (state.getX(), state.getY(), state.getYaw())
     elif isinstance(space, ob.SE3StateSpace):
         yield from (state.getX(), state.getY(), state.getZ())

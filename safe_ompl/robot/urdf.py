@@ -29,16 +29,14 @@ from safe_ompl.robot.joints import Mimic
 _log = logging.getLogger(__name__)
 
 _EXPRESSION = re.compile(r"\$[{(][^})]*[})]")
-_SIZES = {  # attributes of each shape, and how many positive numbers they hold
-    "box": {"size": 3},
-    "sphere": {"radius": 1},
-    "cylinder": {"radius": 1, "length": 1},
-}
+# The attributes of each shape, and how many positive numbers each holds.
+_SIZES = {"box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}}
 _MESH = "mesh"
 _MOVING = ("revolute", "continuous", "prismatic", "planar")
 _KINDS = (*_MOVING, "fixed", "floating")
 _LIMITED = ("revolute", "prismatic")
-_JOINT_NUMBERS = {  # attributes of the tags of a joint that hold a number
+# The attributes of a joint's tags that hold a number.
+_JOINT_NUMBERS = {
     "limit": ("lower", "upper", "effort", "velocity"),
     "dynamics": ("damping", "friction"),
     "mimic": ("multiplier", "offset"),
@@ -115,7 +113,8 @@ class PackageFolders:
         yield from (folder / name.lstrip("/") for folder in (*self._given, *self._urdf.parents))
         if package:
             yield from (folder / file for folder in self.named(package))
-        else:  # it is a path, whole or below one of the folders
+        else:
+            # The name is an absolute path, or a path below one of the folders.
             yield Path(name)
 
     def elsewhere(self, steps: Sequence[str]) -> Iterator[Path]:
@@ -136,7 +135,8 @@ class PackageFolders:
     def _by_name(self) -> dict[str, list[Path]]:
         found: dict[str, list[Path]] = {}
         for folder in dict.fromkeys(self._places()):
-            with suppress(ElementTree.ParseError, OSError):  # a folder without a manifest, or a broken one
+            with suppress(ElementTree.ParseError, OSError):
+                # The folder has no manifest, or a broken one.
                 name = parsed(folder / _MANIFEST).findtext("name", "").strip()
                 found.setdefault(name, []).append(folder)
         return found
@@ -166,7 +166,8 @@ def _folders_in(folder: Path) -> list[Path]:
     try:
         with os.scandir(folder) as entries:
             return sorted(Path(entry.path) for entry in entries if entry.is_dir())
-    except OSError:  # not ours to read: packages of a robot are not there
+    except OSError:
+        # The folder may not be read, so it holds no packages of a robot.
         return []
 
 
@@ -212,7 +213,8 @@ def _expanded(path: Path, packages: PackageFolders, arguments: Mapping[str, str]
     finds, substitution_args._eval_find = substitution_args._eval_find, find  # else it needs ROS
     try:
         return ElementTree.fromstring(xacro.process_file(str(path), mappings=dict(arguments)).toxml())
-    except Exception as error:  # of any kind: files hold expressions of Python
+    except Exception as error:
+        # Files hold expressions of Python, which may raise any exception.
         raise InputError(f"xacro cannot expand it ({_reason(error)})", str(path)) from None
     finally:
         substitution_args._eval_find = finds
@@ -429,7 +431,8 @@ class UrdfFile:
             raise InputError(f"holds no xacro that could take the arguments {', '.join(xacro_args)}", str(path))
         if self._root.find("link") is None:
             raise InputError("not a valid URDF: it has no link", str(path))
-        if not self._root.get("name"):  # the parser refuses a robot without one
+        # The parser refuses a robot without a name.
+        if not self._root.get("name"):
             self._root.set("name", self.path.stem)
         _check_joints(self._root, str(path))
         _check_inertials(self._root, str(path))
