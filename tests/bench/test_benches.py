@@ -59,6 +59,7 @@ SMALL = {
     "stops": "--stops 8 --motions 2",
     "timing": "--paths 2 --curves 2",
     "tools": "--lines 4 --seams 1",
+    "ways": "--scenes 0:2 --seeds 1",
     "worth": "--scenes 1 --seconds 0.5",
 }
 
