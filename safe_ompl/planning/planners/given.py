@@ -87,7 +87,7 @@ class FunctionPlanner(SafePlanner):
             path[row] = np.where(np.abs(path[row] - end) <= _END_ROUNDING, end, path[row] + away)
         # Planners may repeat way points.
         differ = np.diff(path[:-1].astype(np.float32), axis=0).any(axis=1)
-        return path[np.concatenate([[True], differ, [True]])]
+        return np.asarray(path[np.concatenate([[True], differ, [True]])])
 
     def _proven(self, path: FloatArray, validator: CertifiedMotionValidator, ptc: Any) -> FloatArray | None:
         """Return a path (N, n), or the nearest one that is proven; None if none was found."""
