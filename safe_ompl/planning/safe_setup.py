@@ -450,8 +450,8 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
             not depend on it, as long as no start runs into its limit.
         ways : 1 or "all"
             "all": look for ways that pass people and obstacles on other sides, or in other postures, and return the
-            safest one, in two to four times the time of `simplify=True`: several starts, with seeds that count up from
-            `seed`, are joined into better paths and compared after simplification, by this setup's objective.
+            safest one found, in about four times the time of `simplify=True`: several starts, with seeds that count up
+            from `seed`, are joined into better paths and compared after simplification, by this setup's objective.
             `simplify` is then implied; if it is a number of seconds, this is the limit for each path. What the ways
             that were found cost is in `PlanResult.ways`. A planner that ignores its seed finds one way.
 

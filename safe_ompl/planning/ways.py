@@ -14,8 +14,9 @@ from safe_ompl.planning.simplification import Curve, Simplifier, Stop, hybrid, t
 if TYPE_CHECKING:
     from safe_ompl.planning.safe_setup import SafeSetup
 
-# Numbers below were chosen on 65 random scenes with a person and five boxes (bench/ways), for the least work with which
-# 95 % of the runs are within 5 % of the best path that is known.
+# Numbers below were chosen on 65 random scenes with a person and five boxes; in 33 of these 97 % of 66 runs came to
+# within 5 % of the best path that was known. In the 60 other scenes of bench/ways 89 % of 180 runs do, in 4.5 times the
+# time of one way.
 _FEWEST, _MOST = 3, 7  # starts
 # Starts end when so many of them come to within this share of the cheapest: then another way is rarely cheaper.
 _AGREEING, _AGREEMENT = 2, 0.03

@@ -14,7 +14,7 @@ from safe_ompl.planning.simplification.simplifier import SAME_CLEARANCE, Simplif
 from safe_ompl.robot import plain
 
 # Motions from one path to another are no longer than this. Longer ones are rarely part of the cheapest path, and their
-# danger would take most of the time; with 1 rad fewer hybrids are found (bench/ways).
+# danger would take most of the time; with 1 rad rather fewer hybrids were found.
 _REACH = 2.0  # [rad]
 
 
