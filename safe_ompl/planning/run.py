@@ -226,7 +226,8 @@ class PlanningRun:
                 first.append(perf_counter() - begin)
             return path
 
-        with suppress(KeyboardInterrupt):  # the best path so far stands
+        # After Ctrl-C the best path so far is the result.
+        with suppress(KeyboardInterrupt):
             ways.run(search)
         said: dict[str, Any] = {"status": starts.status, "path": None}
         if found := ways.ways():

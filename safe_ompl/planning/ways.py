@@ -20,11 +20,13 @@ if TYPE_CHECKING:
 _FEWEST, _MOST = 3, 7  # starts
 # Starts end when so many of them come to within this share of the cheapest: then another way is rarely cheaper.
 _AGREEING, _AGREEMENT = 2, 0.03
-_JOINTS = 2  # joined paths; the second one only if the first saved more than this share
+# At most this many joined paths are tried.
+_JOINTS = 2
 _WORTHWHILE = 0.02
 # Two paths are compared at so many places, and at so many paths between them.
 _PLACES, _BETWEEN = 16, 3
-_BARRIER = 0.01  # share by which a path between two of the same way may cost more than the dearer one
+# Two paths belong to the same way if a path between them costs at most this share more than the more expensive one.
+_BARRIER = 0.01
 
 
 class WayPath(NamedTuple):

@@ -23,7 +23,8 @@ from safe_ompl.planning.planners.tree import PlannerGraph, Trees, TwoTrees
 _log = logging.getLogger(__name__)
 
 _FIRST_GOALS = 100  # taken before planning begins
-_UNREAD = object()  # stands for an objective until the problem's is read
+# This marks an objective that has not been read from the problem.
+_UNREAD = object()
 # Of the space's extent: 1.1 rad on an arm. Longer steps are trapped more often, shorter ones need more nodes.
 _RANGE_FRACTION = 0.075
 T = TypeVar("T", bool, int, float)
@@ -140,10 +141,12 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     plans_to: ClassVar[Any] = ob.GoalSampleableRegion
     _danger: DangerWeight
-    _structure: TwoTrees[Any] | Roadmap  # what has been built so far
-    _query: Query | None  # that it was built for
+    _structure: TwoTrees[Any] | Roadmap  # built so far
+    # The query for which the structure was built.
+    _query: Query | None
     _goals: int  # taken so far
-    _settings: tuple[Any, ...]  # under which it was built
+    # The settings with which the structure was built.
+    _settings: tuple[Any, ...]
 
     range = Parameter(0.0)
 
@@ -161,7 +164,8 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self.counts = Counts()
         # As for OMPL's own planners the seed follows from `ou.RNG.setSeed`, if that was called before.
         self.setSeed(ou.RNG().getLocalSeed())
-        self._read: Any = _UNREAD  # the objective that is in use
+        # The objective in use.
+        self._read: Any = _UNREAD
         self._take_space()
         for key, value in parameters.items():
             self.setParameter(key, value)
@@ -211,7 +215,8 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._notice_changes()
         if self.getProblemDefinition() is not None:
             self._read_objective()
-        if hasattr(self, "_danger"):  # planners as printed have none
+        # Planners as printed have no danger.
+        if hasattr(self, "_danger"):
             self._danger.prepare()
 
     def clear(self) -> None:
@@ -239,7 +244,8 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
             raise InputError(f"{self.getName()}: no problem definition set")
         try:
             return ob.PlannerStatus(self._outcome(ptc))
-        except BaseException:  # Ctrl-C, too, may come between two halves of a step
+        # Ctrl-C may come between the two halves of a step, too.
+        except BaseException:
             self.clear()
             raise
 
@@ -369,7 +375,8 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def _read_objective(self) -> None:
         """Read the problem's objective; what was built under another one is dropped, as its costs are stale."""
-        self._read = _UNREAD  # also where an error ends this half-way
+        # This also happens if an error ends the search early.
+        self._read = _UNREAD
         objective = self.getProblemDefinition().getOptimizationObjective()
         self._problem.take(objective)
         cost = self._problem.cost

@@ -17,12 +17,18 @@ from safe_ompl.planning.planners.problem import WORTHWHILE, DangerDecay, DangerW
 from safe_ompl.planning.planners.tree import TwoTrees
 from safe_ompl.robot import StateBridge
 
-_LEAST_CLEARANCE = 1e-3  # [m]; points as near to contact as this are not closed: their bubbles lead nowhere
-_PATH_SHARE = 0.1  # weight of g: greedy, as in weighted A*
-_PENALTY = 0.5  # [m] added to the cost-to-go of a point whose clearance is below the margin
-_ROUNDS = 4  # in which the path is contracted; its detours around danger are long
-_LEAST_GAIN = 2e-3  # [m] a turn ends where the tree comes less near to its goal in a step than this, …
-_GAIN_SHARE = 0.2  # … or than this share of its best step
+# Points nearer to contact than this are not closed, because their bubbles lead nowhere.
+_LEAST_CLEARANCE = 1e-3  # [m]
+# The weight of g. The search is greedy, as in weighted A*.
+_PATH_SHARE = 0.1
+# This is added to the cost-to-go of a point whose clearance is below the margin.
+_PENALTY = 0.5  # [m]
+# The path is contracted in this many rounds, because its detours around danger are long.
+_CONTRACTION_ROUNDS = 4
+# A turn ends if a step brings the tree less near to its goal than this.
+_LEAST_GAIN = 2e-3  # [m]
+# A turn also ends if a step gains less than this share of the best step.
+_GAIN_SHARE = 0.2
 
 
 class BubblePlanner(SafePlanner):
@@ -125,7 +131,7 @@ class BubblePlanner(SafePlanner):
                 path = self._expand(tree, other, current_goal, ptc)
                 if path is not None:
                     self._decay.reset()
-                    rounds = _ROUNDS if self.alpha else 1
+                    rounds = _CONTRACTION_ROUNDS if self.alpha else 1
                     return self._growth.settled(path, self.getRange(), ptc, self._margin.allowed, rounds)
             tree, other = other, tree  # SWAP
             self._turns += 1
@@ -151,7 +157,8 @@ class BubblePlanner(SafePlanner):
             if path is not None:
                 return path
             points = self._bubble_endpoints(bubble, goal)
-            if not len(points):  # so near to contact that its vertices are its centre
+            # Its clearance is so small that all vertices equal the centre.
+            if not len(points):
                 return None
             tree.add(points, new, self._danger_term(points))
             before, after = (float(self._metric.lengths(rows, goal).min()) for rows in (x.q, points))
@@ -330,7 +337,8 @@ class VolumeTree:
         """Add end points (K, n) of a closed bubble, with their costs (K,), to Open."""
         center, length = self.closed["center"][parent], self.closed["path_length"][parent]
         diversity: Any = 0.0
-        if self._diverse:  # min_z ‖x − z‖ over the closed configurations z
+        # The diversity is min_z ‖x − z‖ over the closed configurations z.
+        if self._diverse:
             diversity = [self._metric.separations(self.closed["center"], x).min() for x in points]
         self.open.extend(
             len(points),

@@ -25,9 +25,12 @@ from safe_ompl.robot import (
     transpose_step,
 )
 
-_LEAST_MARGIN = 0.01  # [m]; the clearance at the goal is unknown: little is tried before the margin ends
-_RANDOM_STARTS = 0.3  # share of the extensions towards the goal that begin at any node not chosen before
-_SAME_SLOPE = 4  # steps for which the gradient of the danger, the dearest part of a step, is kept
+# The clearance at the goal is unknown, so few steps are tried before the margin ends.
+_LEAST_MARGIN = 0.01  # [m]
+# The share of extensions towards the goal that begin at a random node.
+_RANDOM_STARTS = 0.3
+# The gradient of the danger, the most expensive part of a step, is kept for this many steps.
+_SAME_SLOPE = 4
 
 
 class SafeJTRRT(SafePlanner):
@@ -213,7 +216,8 @@ class SafeJTRRT(SafePlanner):
         self._decay.reset()
 
 
-STALLED = 0.995  # a step that leaves more than this share of the distance makes no progress
+# A step that leaves more than this share of the distance makes no progress.
+STALLED = 0.995
 
 
 class Approach(Trees):
@@ -234,7 +238,8 @@ class Approach(Trees):
         self.untried: list[int] = []
         self.arrived: int | None = None
         self._ranked: list[tuple[float, int]] = []  # a heap
-        self._drawn: set[int] = set()  # nodes in it that were chosen by chance
+        # The nodes in it that were chosen at random.
+        self._drawn: set[int] = set()
 
     def measure(self) -> None:
         """Note the distance of the tip from the goal at new nodes, and which node is the first at the goal."""
@@ -269,7 +274,8 @@ class Approach(Trees):
             node = ranked[int(rng.integers(len(ranked)))][1] if by_chance else heappop(ranked)[1]
             if node not in drawn:
                 if by_chance:
-                    drawn.add(node)  # and left in the heap, which would take long to order anew
+                    # The node stays in the heap, because ordering the heap again would take long.
+                    drawn.add(node)
                 return node
             if not by_chance:
                 drawn.remove(node)

@@ -300,7 +300,8 @@ class PaperSafeJTRRT(SafePlanner):
             step = inverse @ error
             if self.null_space_gain and field is not None:
                 posture = self.null_space_gain * field.push(q)
-                if np.isfinite(posture).all():  # on a danger point the field is infinite
+                # On a danger point the field is infinite.
+                if np.isfinite(posture).all():
                     step += posture - inverse @ (jacobian @ posture)
             step = self.gain * step
         length = sqrt(step @ step)

@@ -14,17 +14,28 @@ from safe_ompl.planning.planners.growth import ROOT, Growth
 from safe_ompl.planning.planners.problem import WORTHWHILE, DangerWeight, Margin
 from safe_ompl.planning.planners.roadmap import Roadmap, SearchGraph, squares
 
-_PENALTY = 4  # ranges; added to the length of an edge that does not keep the margin
-_PENALTIES = 2  # of an edge before it is taken whatever it keeps
-_PENALTY_FALL = 0.3  # share of the margin that remains after each penalty
-_USUAL = 0.7  # share of the milestones, the least dangerous ones, that are searched first
-_GROWTH = 0.25  # by this share of itself the sample set grows when it does not suffice …
-_LARGEST_GROWTH = 500  # … but by no more milestones at a time, …
-_TOWARDS_SHARE = 0.8  # … of which this share grows out of the graph that is stuck, …
-_NEAREST_TO_GRAPH = 0.05  # … from this fraction of the way to a random configuration on.
-_LARGEST_FRINGE = 1000  # milestones of a stuck graph from which samples are drawn
-_GOAL_SAMPLES = 100  # at most, of the goal, each time when samples do not suffice
-_LARGEST_ROADMAP = 50_000  # milestones; then a new one is begun, so that memory stays bounded
+# This many ranges are added to the length of an edge that does not keep the margin.
+_PENALTY = 4
+# After this many penalties an edge is taken whatever margin it keeps.
+_PENALTIES = 2
+# The share of the margin that remains after each penalty.
+_PENALTY_FALL = 0.3
+# The share of the milestones, those with the least danger, that is searched first.
+_USUAL = 0.7
+# A sample set that does not suffice grows by this share of itself.
+_GROWTH = 0.25
+# It grows by at most this many milestones at a time.
+_LARGEST_GROWTH = 500
+# This share of the new milestones grows out of the graph that is stuck.
+_TOWARDS_SHARE = 0.8
+# These milestones begin at this fraction of the way to a random configuration.
+_NEAREST_TO_GRAPH = 0.05
+# The number of milestones of a stuck graph from which samples are drawn.
+_LARGEST_FRINGE = 1000
+# At most this many goals are sampled each time the milestones do not suffice.
+_GOAL_SAMPLES = 100
+# A roadmap with more milestones is replaced by a new one, so that memory stays bounded.
+_LARGEST_ROADMAP = 50_000
 
 
 class SafePRM(SafePlanner):
@@ -174,10 +185,12 @@ class SafePRM(SafePlanner):
             offer = int(f.argmin())
             parent, milestone = int(graph.parents[offer]), int(graph.milestones[offer])
             penalties = int(graph.penalties[offer])
-            keeps = parent != ROOT and penalties < _PENALTIES  # else it need only be free: no way is closed
+            # After that the edge must only be free, so that no passage is closed.
+            keeps = parent != ROOT and penalties < _PENALTIES
             margin = self._margin.in_force * _PENALTY_FALL**penalties if keeps else 0.0
             is_free = parent == ROOT or self._roadmap.is_free(*graph.as_driven(parent, milestone), margin)
-            if margin and not is_free:  # it stays in Open, with a penalty
+            # The edge stays in Open with a penalty.
+            if margin and not is_free:
                 graph.g[offer] += penalty
                 graph.penalties[offer] += 1
                 f[offer] += penalty

@@ -16,15 +16,18 @@ from safe_ompl.planning.planners.growth import danger_share, lowered_margin
 from safe_ompl.planning.planners.tree import Trees
 from safe_ompl.robot import Coordinates, JointLimits, Robot, ScratchState
 
-_SHARE = 0.8  # of what start and goal keep; with all of it no motion could leave them
-_LEAST = 5e-4  # [m]; below this there is none
+# The share of the clearance of start and goal that is kept. With all of it no motion could leave them.
+_KEPT_SHARE = 0.8
+# A smaller margin is no margin.
+_LEAST_MARGIN = 5e-4  # [m]
 _EXAMINED = 5  # starts, and goals
 # Of the logarithm of what start and goal keep, where only questions of yes and no tell: to within 15 %.
 _HALVINGS = 5
 # Motions that are refused before the margin falls. Where nothing is dangerous no gradient moves steps away from
 # obstacles, so that more of them are refused in the open, too.
 _REFUSALS, _REFUSALS_WITHOUT_DANGER = 12, 48
-WORTHWHILE = 0.02  # [m]; where start and goal keep less, penalties cost time and lead nowhere else
+# If start and goal keep less than this, penalties cost time and lead nowhere else.
+WORTHWHILE = 0.02  # [m]
 
 
 class PlanningProblem:
@@ -102,7 +105,8 @@ class PlanningProblem:
         most `count`, as such a sampler may fail. It may also take long, so that it is asked until `stop` says so.
         """
         sampler = self._si.allocValidStateSampler()
-        if type(sampler) is ob.UniformValidStateSampler:  # OMPL's, where there is no allocator
+        # This is OMPL's sampler if no allocator was set.
+        if type(sampler) is ob.UniformValidStateSampler:
             return self.random(rng, count)
         state = self._from.state
         rows = [self.bridge.read(state) for _ in range(count) if not stop() and sampler.sample(state)]
@@ -151,7 +155,8 @@ class DangerWeight:
     @property
     def whole_weight(self) -> float:
         """The weight of danger at a scale of 1."""
-        if not self.alpha:  # the slope need not be known
+        # Without alpha the gradient is not needed.
+        if not self.alpha:
             return 0.0
         return self.alpha / self.slope if self.slope else 0.0
 
@@ -210,7 +215,7 @@ class Margin:
     what start and goal allow, are in metres; before start and goal were examined there is no level.
     """
 
-    def __init__(self, problem: PlanningProblem, danger: DangerWeight, least: float = _LEAST) -> None:
+    def __init__(self, problem: PlanningProblem, danger: DangerWeight, least: float = _LEAST_MARGIN) -> None:
         self._problem, self._danger, self.least = problem, danger, least
         self.largest = 0.0
         self.reset()
@@ -277,13 +282,13 @@ class Margin:
         motion = self._problem.motion_prover
         if motion is None:
             return 0.0
-        bounds, kept = motion.checker.pairs.bounds, self.largest / _SHARE
+        bounds, kept = motion.checker.pairs.bounds, self.largest / _KEPT_SHARE
         if bounds.bounded:
             # Exact distances would cost more than a whole easy problem.
-            return _SHARE * min(float(bounds.clearances(Q, kept).max()) for Q in ends) if ends else self.largest
+            return _KEPT_SHARE * min(float(bounds.clearances(Q, kept).max()) for Q in ends) if ends else self.largest
 
         def is_allowed(margin: float) -> bool:
-            return all(any(motion.is_free(q, q, margin / _SHARE) for q in Q) for Q in ends)
+            return all(any(motion.is_free(q, q, margin / _KEPT_SHARE) for q in Q) for Q in ends)
 
         if is_allowed(self.largest):
             return self.largest

@@ -142,13 +142,15 @@ def _quiet() -> Iterator[None]:
 def seed_ompl(seed: int) -> None:
     """Seed OMPL's C++ planners, quietly: it complains of a second seed, though planners built later do follow it."""
     with _quiet():
-        ou.RNG.setSeed(seed + 1)  # zero would mean "by the clock"
+        # The seed 0 would mean "by the clock" to OMPL.
+        ou.RNG.setSeed(seed + 1)
 
 
 def settings_of(planner: Any) -> dict[str, bool | int | float]:
     """Return the parameters of a planner, ours or one of OMPL's, with the values that its getters give now."""
     found = {key: getattr(planner, f"get{name}", None) for key, name in _settable(planner).items()}
-    with _quiet():  # BITstar complains when some of its getters are called
+    # BITstar complains when some of its getters are called.
+    with _quiet():
         values = {key: getter() for key, getter in found.items() if getter is not None}
     return {key: value for key, value in values.items() if isinstance(value, (bool, int, float))}
 
@@ -157,7 +159,8 @@ def nodes_of(planner: Any) -> int:
     """Return how many nodes a planner kept."""
     if isinstance(planner, SafePlanner):
         return planner.counts.nodes
-    if isinstance(planner, og.BITstar):  # reading its graph leaks it, and the robot with it: count its samples
+    # Reading BITstar's graph leaks the graph and the robot, so its samples are counted instead.
+    if isinstance(planner, og.BITstar):
         return int(planner.numBatches() * planner.getSamplesPerBatch())
     return int(planner_data(planner).numVertices())
 

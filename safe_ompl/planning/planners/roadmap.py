@@ -13,7 +13,8 @@ from safe_ompl.planning.planners.problem import PlanningProblem
 from safe_ompl.planning.planners.tree import PlannerGraph, nearest_row
 from safe_ompl.robot import StateBridge
 
-_WORST_COST = 1e100  # stands for infinity and NaN: such milestones come last, but they come
+# This cost replaces infinity and NaN. Such milestones come last.
+_WORST_COST = 1e100
 
 
 class Roadmap:
@@ -77,7 +78,8 @@ class Roadmap:
 
     def costs(self, milestones: IntArray) -> FloatArray:
         """Return the costs (M,) of `milestones: (M,)`."""
-        if self._priced < len(self):  # all at once, which costs little more than one
+        # Computing all at once costs little more than computing one.
+        if self._priced < len(self):
             new = self.configurations[self._priced :]
             self._costs[self._priced :] = np.fmin(self._problem.cost.values(new), _WORST_COST)
             self._priced = len(self)

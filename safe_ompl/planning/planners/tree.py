@@ -124,4 +124,5 @@ class PlannerGraph(NamedTuple):
             numbers.append(add(vertex))
         for start, end in self.edges.tolist():
             data.addEdge(numbers[start], numbers[end])
-        data.decoupleFromPlanner()  # it holds pointers to our states until then
+        # Until this call the data hold pointers to our states.
+        data.decoupleFromPlanner()

@@ -14,7 +14,8 @@ from safe_ompl.planning.simplification.costs import DangerTerms
 from safe_ompl.planning.simplification.measures import Curve
 from safe_ompl.robot import Robot
 
-STEP = 0.05  # [rad] between the samples of the cost of a path, as in its report
+# The distance between the samples of the cost of a path, as in its report.
+STEP = 0.05  # [rad]
 WEIGHT = 5.0  # of danger against length
 _REFERENCE_SAMPLES = 64
 
@@ -40,7 +41,8 @@ class DangerDensity:
 
 def reference_danger(field: DangerField, checker: CollisionChecker) -> float:
     """Return the median danger over valid configurations, the scale of robot and scene; 1 if nothing is dangerous."""
-    robot, rng = checker.robot, np.random.default_rng(0)  # the same scale at any time
+    # The seed is fixed, so that the scale does not depend on earlier calls.
+    robot, rng = checker.robot, np.random.default_rng(0)
     samples = rng.uniform(robot.lower, robot.upper, (_REFERENCE_SAMPLES, robot.n))
     valid = samples[MotionProver(checker).are_free(samples, samples)]
     danger = np.sort(field.values(valid if len(valid) else samples))
@@ -67,7 +69,8 @@ class PathCost:
 
 _OBSTACLE_WEIGHT = 20.0
 _STEEPNESS = 10.0
-_STEP = 0.03  # [rad] between the samples at which the least clearance along a path is looked for
+# The distance between the samples at which the least clearance along a path is searched.
+_CLEARANCE_SAMPLE_DISTANCE = 0.03  # [rad]
 
 
 class ObstacleCost:
@@ -91,13 +94,14 @@ class ObstacleCost:
     def clearances(self, path: FloatArray) -> tuple[float, float]:
         """Return the least clearance [m] of the ends of a path (N, n), and at samples along it; ≥ 0."""
         checker, ends = self._checker, self._distances.least(path[[0, -1]], self.distance)
-        if ends == self.distance:  # only then those of all pairs are needed
+        # Only in this case the distances of all pairs are needed.
+        if ends == self.distance:
             ends = PairDistances(checker, np.inf).least(path[[0, -1]], np.inf)
         ends = max(0.0, ends)
         if not 0 < ends < np.inf:
             return ends, ends
         distances = self._distances if ends <= self.distance else PairDistances(checker, ends)
-        return ends, max(0.0, distances.least(Curve(checker.robot, path).spread(_STEP), ends))
+        return ends, max(0.0, distances.least(Curve(checker.robot, path).spread(_CLEARANCE_SAMPLE_DISTANCE), ends))
 
     def near(self, Q: FloatArray) -> NearPairs:
         """Return what is nearer than D at `Q: (B, n)`."""

@@ -301,7 +301,8 @@ def retreat(end, obstacles, field, limits, stop):
     return end[None]
 
 
-MOST = 40  # way points of a path that edges may skip to
+# An edge may skip to at most this many way points.
+MOST = 40
 # Way points nearer to an end than this [rad] are tried first.
 cdef double JOINT = 1.2
 

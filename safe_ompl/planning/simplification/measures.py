@@ -30,7 +30,8 @@ class Curve:
         return at_arc_lengths(self._points, plain(s))
 
 
-_FINE = 0.25  # [rad] Segments near obstacles are halved if they are longer: finer ones descend slowly.
+# Segments near obstacles are halved if they are longer than this. Finer segments descend slowly.
+_LONGEST_NEAR_SEGMENT = 0.25  # [rad]
 
 
 def path_length(path: FloatArray) -> float:
@@ -52,7 +53,7 @@ def divided(path: FloatArray, spacing: float) -> FloatArray:
 
 def refined(path: FloatArray, rows_near: Callable[[FloatArray], IntArray]) -> FloatArray:
     """Return the same unrolled path (N, n) with halved segments near obstacles, the `rows_near(Q)` of `Q: (B, n)`."""
-    long = np.flatnonzero(np.linalg.norm(path[1:] - path[:-1], axis=1) > _FINE)
+    long = np.flatnonzero(np.linalg.norm(path[1:] - path[:-1], axis=1) > _LONGEST_NEAR_SEGMENT)
     middles = 0.5 * (path[long + 1] + path[long])
     near = np.zeros(len(path) + len(long), dtype=bool)
     near[rows_near(np.concatenate([path, middles]))] = True
@@ -72,10 +73,13 @@ def with_way_points(path: FloatArray, places: FloatArray, apart: float) -> Float
     return path
 
 
-NEAR = 0.05  # [m]; "near" an obstacle in `length_below_50mm`
+# A path is near an obstacle below this distance, in `length_below_50mm`.
+NEAR = 0.05  # [m]
 PROFILE_POINTS = 101
-_STEP = 0.05  # [rad] largest distance between two samples of a path
-_REFINEMENTS = 12  # bisections around the sample of least clearance
+# The largest distance between two samples of a path.
+_SAMPLE_DISTANCE = 0.05  # [rad]
+# The number of bisections around the sample of least clearance.
+_CLEARANCE_BISECTIONS = 12
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,7 @@ class ClearanceReport:
 
 def sampled_places(length: float) -> FloatArray:
     """Return the arc lengths (S,) [rad] at which a path of some length is looked at."""
-    return np.linspace(0.0, length, max(PROFILE_POINTS, 1 + int(np.ceil(length / _STEP))))
+    return np.linspace(0.0, length, max(PROFILE_POINTS, 1 + int(np.ceil(length / _SAMPLE_DISTANCE))))
 
 
 def danger_along(path: FloatArray, field: DangerField, s: FloatArray, samples: FloatArray) -> DangerReport:
@@ -157,7 +161,8 @@ def clearance_along(curve: Curve, checker: CollisionChecker, s: FloatArray, samp
     k = int(distances.argmin())
     least, at = Clearance(float(distances[k]), *names[every[k].argmin()]), float(s[k])
     step = float(s[1] - s[0])
-    for _ in range(_REFINEMENTS if step else 0):  # beside the least sample there may be less
+    # The clearance may be less beside the sample with the least clearance.
+    for _ in range(_CLEARANCE_BISECTIONS if step else 0):
         step /= 2
         for side in (-step, step):
             place = float(np.clip(at + side, 0.0, curve.length))

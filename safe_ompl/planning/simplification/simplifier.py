@@ -23,14 +23,22 @@ from safe_ompl.robot import motion_limits, plain
 Stop = Callable[[], bool]
 Better = Callable[[FloatArray, float], None]
 
-_SPACING = 0.5  # [rad] way points are no farther apart when the descent begins; then they move
-_LONGER = 1.25  # times the given path no path becomes longer
-_CONVERGED = 0.06  # a round that lowers the cost by less than this share is the last
-SAME_CLEARANCE = 1e-4  # [m] clearances that differ by less are the same
-_FEW = 14  # way points between which shortcuts are looked for after the descent
-_WORTHWHILE = 0.08  # share of the cost that shortcuts after the descent must save to be taken,
-_PROMISING = 0.04  # and by an estimate to be proven
-_ALLOWANCE = 1.3  # clearance below this times that of the nearer end costs most
+# Way points are no farther apart than this when the descent begins.
+_SPACING = 0.5  # [rad]
+# No path becomes longer than this many times the given path.
+_MOST_LENGTH_RATIO = 1.25
+# The last round is one that lowers the cost by less than this share.
+_CONVERGED = 0.06
+# Clearances that differ by less than this are equal.
+SAME_CLEARANCE = 1e-4  # [m]
+# After the descent, shortcuts are searched between this many way points.
+_SHORTCUT_POINTS = 14
+# A shortcut after the descent must save this share of the cost.
+_LEAST_SAVING = 0.08
+# A shortcut is proven only if an estimate says that it saves this share.
+_LEAST_ESTIMATED_SAVING = 0.04
+# A clearance below this many times that of the nearer end costs most.
+_ALLOWANCE = 1.3
 
 
 def timed(seconds: float, stop: Stop | None = None) -> Stop:
@@ -90,7 +98,8 @@ class Simplifier:
         self.motion = motion or MotionProver(checker)
         self.spacing, self.precision = _SPACING, _CONVERGED
         self.obstacle_cost = ObstacleCost(checker, clearance) if clearance else None
-        self.most_kept = np.inf  # [m] of a given path's clearance; see `weighing`
+        # The largest clearance of a given path that is kept [m]; see `weighing`.
+        self.most_kept = np.inf  # [m]
         self.gains_clearance = True  # see `coarse`
         self._field, self._weight = field, weight
         self._revisions: tuple[int, int] | None = None
@@ -200,7 +209,8 @@ class SimplificationRun:
     def __init__(
         self, simplifier: Simplifier, path: FloatArray, stop: Stop, on_better: Better | None, proven: bool
     ) -> None:
-        self._simplifier = copy(simplifier)  # its settings as they are now
+        # A copy keeps the present settings.
+        self._simplifier = copy(simplifier)
         self._danger = simplifier.danger
         self._robot = simplifier.robot
         self._stop = stop
@@ -211,7 +221,7 @@ class SimplificationRun:
             self._proofs.accept(path)
         else:
             self._proofs.check(path)
-        longest = _LONGER * path_length(path)
+        longest = _MOST_LENGTH_RATIO * path_length(path)
         self._terms = Terms(self._proofs, self._limits, longest, simplifier.precision)
 
     @property
@@ -227,13 +237,14 @@ class SimplificationRun:
         self._shorten()
         self._descend()
         # Shortcuts between way points that have descended may lead out of a poor minimum.
-        if not self._stop() and self._shorten(_FEW, (1.0 - _WORTHWHILE) * self._cost.of(self.best)):
+        if not self._stop() and self._shorten(_SHORTCUT_POINTS, (1.0 - _LEAST_SAVING) * self._cost.of(self.best)):
             self._descend()
 
     def _descend(self) -> None:
         """Leave ends that need it, and descend."""
         if self._stop() or not path_length(self.best):
-            return  # where the start is the goal, nothing is shorter
+            # If the start is the goal, there is nothing to shorten.
+            return
         shortened = self._divided(self.best)
         if self._descend_between_retreats(shortened) or self._stop():
             return
@@ -256,11 +267,12 @@ class SimplificationRun:
 
     def _shorten(self, most: int = MOST, worth: float = np.inf) -> bool:
         """Take shortcuts between up to `most` way points, if the path then costs no more; return whether."""
-        estimate = 1.0 if worth == np.inf else 1.0 - _PROMISING
+        estimate = 1.0 if worth == np.inf else 1.0 - _LEAST_ESTIMATED_SAVING
         shorter = self._shortcut(partial(shortcut, most=most, worth=estimate), self.best)
         if shorter is None or path_length(shorter) > self._terms.longest:
             return False
-        self._cost.look_at(shorter)  # where the given path has not been, other danger points may matter
+        # The new path passes other places, where other danger points may matter.
+        self._cost.look_at(shorter)
         cost = self._cost.of(shorter)
         if cost > worth or not self._best.take(shorter, cost):
             return False
@@ -273,7 +285,7 @@ class SimplificationRun:
         goal = self._retreat(path[-1])
         apart = np.linalg.norm(self._robot.difference(start[0], goal[0]))
         if len(start) == len(goal) == 1 or apart <= path_length(start) + path_length(goal):
-            return False  # nothing to leave, or nowhere to go from there
+            return False  # nothing to replace
         if self._proofs.refused(start) or self._proofs.refused(plain(goal[::-1])):
             return False
         between = self._shortcut(joined, np.concatenate([start[-1:], path[1:-1], goal[-1:]]))
@@ -281,7 +293,8 @@ class SimplificationRun:
             return False
         if self._stop():
             return False
-        goal = plain(goal[::-1] + (between[-1] - goal[-1]))  # continuous joints may have been unwound
+        # Continuous joints may have been unwound.
+        goal = plain(goal[::-1] + (between[-1] - goal[-1]))
         descent = self._descent(self._divided(between), (start, goal))
         # Ends that are left well may cost more than shortcuts, though not more than the given path.
         whole = np.concatenate([start[:-1], between, goal[1:]])
