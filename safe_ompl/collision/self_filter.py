@@ -18,7 +18,7 @@ from safe_ompl.scene import Scene
 _log = logging.getLogger(__name__)
 
 # The radius of the ball that stands for a point in a query.
-_POINT = 1e-6  # [m]
+_POINT_RADIUS = 1e-6  # [m]
 # A point that is this near to a hull is on the hull.
 _ON = 1e-9  # [m]
 _BLOCK = 2048  # points at once
@@ -109,6 +109,6 @@ def _within_faces(
 
 def _distance(shape: coal.CollisionGeometry, point: FloatArray) -> float:
     """Return the distance of a point from a shape, in the shape's frame [m]; zero or less inside."""
-    ball, here, there = coal.Sphere(_POINT), coal.Transform3s(), coal.Transform3s(np.eye(3), point)
+    ball, here, there = coal.Sphere(_POINT_RADIUS), coal.Transform3s(), coal.Transform3s(np.eye(3), point)
     result = coal.DistanceResult()
-    return float(coal.distance(shape, here, ball, there, coal.DistanceRequest(), result)) + _POINT
+    return float(coal.distance(shape, here, ball, there, coal.DistanceRequest(), result)) + _POINT_RADIUS

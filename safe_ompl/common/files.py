@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 else:
     _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # six times as fast
 # The deepest nesting of lists and mappings.
-_DEEPEST = 100
+_MOST_LEVELS = 100
 # The most nodes that aliases may stand for. 1 kB of aliases could stand for any number of nodes.
 _MOST_COPIES = 100_000
 # The most bits of a whole number. Python takes minutes to write longer ones.
@@ -210,8 +210,8 @@ def _check_size(content: str) -> None:
     def add(nodes: int, levels: int, event: yaml.Event) -> None:
         around = open_nodes[-1][1]
         around[:] = around[0] + nodes, max(around[1], levels)
-        if len(open_nodes) - 1 + levels > _DEEPEST:
-            refuse(event, f"nested deeper than {_DEEPEST} levels")
+        if len(open_nodes) - 1 + levels > _MOST_LEVELS:
+            refuse(event, f"nested deeper than {_MOST_LEVELS} levels")
 
     try:
         for event in yaml.parse(content, Loader=_StrictLoader):

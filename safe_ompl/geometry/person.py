@@ -65,7 +65,7 @@ LIMBS: dict[str, tuple[str, str, float]] = {
 }
 _DEFAULT_HEIGHT = 1.75  # [m]
 _HEIGHTS = (0.3, 2.8)  # [m] of people
-_UP = np.array([0.0, 0.0, 1.0])
+_UPWARDS = np.array([0.0, 0.0, 1.0])
 _SHORTEST = 1e-9  # [m] of a limb
 
 
@@ -159,7 +159,7 @@ class Limb(NamedTuple):
     def placement(self) -> pin.SE3:
         """Where the shape is in the frame of the person."""
         axis = self.end - self.start
-        return pin.SE3(turn_onto(_UP, axis if axis.any() else _UP), (self.start + self.end) / 2)
+        return pin.SE3(turn_onto(_UPWARDS, axis if axis.any() else _UPWARDS), (self.start + self.end) / 2)
 
     @property
     def geometry(self) -> coal.CollisionGeometry:

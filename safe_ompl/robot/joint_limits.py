@@ -33,7 +33,7 @@ _RANGES = {"position": ("min_position", "max_position"), "soft": ("soft_lower_li
 _LIMITS = _RANGES | {kind: (f"max_{kind}",) for kind in (*_RATES, "deceleration", "effort")}
 # Efforts and gains are read, but not used: controllers share the file.
 _FLAGS = (*(f"has_{kind}_limits" for kind in _LIMITS), "angle_wraparound")
-_KEYS = (*_FLAGS, *(name for names in _LIMITS.values() for name in names), "k_position", "k_velocity")
+_LIMIT_KEYS = (*_FLAGS, *(name for names in _LIMITS.values() for name in names), "k_position", "k_velocity")
 
 
 def read_joint(name: str, value: Any) -> dict[str, float]:
@@ -43,7 +43,7 @@ def read_joint(name: str, value: Any) -> dict[str, float]:
     either sign, the acceleration. Raises InputError if a range is empty, a rate is absurd, or a limit is announced and
     not given.
     """
-    data = document.mapping(name, value, _KEYS)
+    data = document.mapping(name, value, _LIMIT_KEYS)
     with document.within(name):
         given = {
             word: (document.flag if word in _FLAGS else document.number)(word, item) for word, item in data.items()

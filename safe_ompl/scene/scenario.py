@@ -113,8 +113,8 @@ def configuration_for(robot: Robot, key: str, given: Configuration, *, is_start:
     return q
 
 
-_TIME = 5.0  # [s]
-_PACKAGE = Path(__file__).resolve().parents[1]
+_DEFAULT_TIME = 5.0  # [s]
+_PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 
 
 def _parameters(key: str, value: Any) -> dict[str, Any]:
@@ -189,7 +189,7 @@ class Scenario(Section):
     description: str = key(_description, default="")
     danger: Mapping[str, Any] = key(_parameters, factory=dict)
     planners: Mapping[str, Mapping[str, Any]] = key(document.by_name, factory=dict, read=_parameters)
-    time: float = key(document.number, default=_TIME, above=0.0)
+    time: float = key(document.number, default=_DEFAULT_TIME, above=0.0)
     limits: PathLimits = key(document.section, factory=PathLimits, kind=PathLimits)
     motion: MotionLimits = key(document.section, factory=MotionLimits, kind=MotionLimits)
     people: People | None = key(document.section, default=None, kind=People)
@@ -260,7 +260,7 @@ def list_scenarios(*, programs: bool = False) -> dict[str, Path]:
     With `programs` those in ``scenarios/programs`` instead, which have no goal, but steps of work.
     """
     within = Path("scenarios", "programs") if programs else Path("scenarios")
-    folders = (within, _PACKAGE / within, _PACKAGE.parent / within)
+    folders = (within, _PACKAGE_FOLDER / within, _PACKAGE_FOLDER.parent / within)
     found: dict[str, Path] = {}
     for file in (file for folder in folders for file in sorted(folder.glob("*.yaml"))):
         found.setdefault(file.stem, file)

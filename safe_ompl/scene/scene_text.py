@@ -21,7 +21,7 @@ from safe_ompl.geometry import Box, Cylinder, Mesh, Obstacle, Pose, Shape, Spher
 
 _SIZES = {"box": ("x", "y", "z"), "sphere": ("radius",), "cylinder": ("radius", "length"), "cone": ("radius", "length")}
 # Corners of the polygon around the base of a cone, which is 0.5 % wider than the base at most.
-_CORNERS = 32
+_CONE_CORNERS = 32
 
 
 def read_scene_text(file: str | Path, meshes: str | Path | None = None) -> tuple[Obstacle, ...]:
@@ -55,8 +55,8 @@ def written_cone(folder: Path | None, name: str, radius: float, length: float) -
 
     The mesh, which is written to a folder (.obj), contains the cone: its base is a polygon around that of the cone.
     """
-    wide, half = radius / cos(pi / _CORNERS), length / 2
-    vertices, faces = surfaces.revolved_triangles(np.array([[0.0, -half], [wide, -half], [0.0, half]]), _CORNERS)
+    wide, half = radius / cos(pi / _CONE_CORNERS), length / 2
+    vertices, faces = surfaces.revolved_triangles(np.array([[0.0, -half], [wide, -half], [0.0, half]]), _CONE_CORNERS)
     return written_mesh(folder, name, vertices.tolist(), faces.tolist())
 
 

@@ -39,14 +39,14 @@ from safe_ompl.robot import (
 )
 from safe_ompl.scene import Scene
 
-_SAMPLES, _SEED = 2000, 0
+_POSTURES, _SEED = 2000, 0
 _SRDF_SAMPLES = 1000
 _ROOM = 0.03  # [m] that start and goal leave around the robot, where there are such
 _CHOICE = 12  # configurations on each side that may become start and goal
-_PLANNER, _TRIALS, _TIME = "SafeRRTConnect", 24, 5.0  # who tries how many pairs of them, for how long each [s]
+_PLANNER, _TRIALS, _TRIAL_TIME = "SafeRRTConnect", 24, 5.0  # who tries how many pairs of them, for how long each [s]
 _BESIDE = 0.35  # [m] from where the robot reaches to the middle of the person
 _PASSES = 0.06  # [m] that the straight path from start to goal leaves to the person, and half a step more at most
-_STEP = 0.02  # [m] by which the person comes nearer at least
+_PERSON_STEP = 0.02  # [m] by which the person comes nearer at least
 _STRAIGHT = 41  # configurations of the straight path that are looked at
 # The way past the person matters where the planned path has no more than this share of the straight path's peak danger.
 _SAFER = 0.8
@@ -271,7 +271,7 @@ class New:
             often = f"what touches most often: {', '.join(pairs)}"
             why = f"{often}. Do links touch that may? see `safe-ompl srdf`"
         raise SafeOmplError(
-            f"{self.spec.urdf}: no start and goal on either side of a person, of {_SAMPLES} configurations; {why}"
+            f"{self.spec.urdf}: no start and goal on either side of a person, of {_POSTURES} configurations; {why}"
         )
 
     def _connected(
@@ -295,7 +295,7 @@ class New:
             if found and max(danger[0], danger[-1]) > _SAFER * danger.max():
                 continue  # no path is safer than its ends
             setup.setConfigurations(left[i], right[k])
-            result = setup.plan(_PLANNER, time=_TIME, seed=_SEED, simplify=True)
+            result = setup.plan(_PLANNER, time=_TRIAL_TIME, seed=_SEED, simplify=True)
             if result.report is None or result.report.danger is None:
                 continue
             share = result.report.danger.max / danger.max()
@@ -318,14 +318,14 @@ class New:
             checker = CollisionChecker(self.robot, Scene((person,)))
             spare = min(checker.clearance(q).distance for q in straight) - _PASSES
             left -= spare
-            if spare < _STEP or left < _STEP:
+            if spare < _PERSON_STEP or left < _PERSON_STEP:
                 return person
             nearer = np.round(self._shoulder[:2] + left / length * away, 2)
             person = replace(person, pose=Pose((*nearer.tolist(), z), person.pose.quaternion_xyzw))
 
     def _sampled(self) -> FloatArray:
         low, high = np.maximum(self.robot.lower, -np.pi), np.minimum(self.robot.upper, np.pi)
-        return np.random.default_rng(_SEED).uniform(low, high, (_SAMPLES, self.robot.n))
+        return np.random.default_rng(_SEED).uniform(low, high, (_POSTURES, self.robot.n))
 
     def _text(self, person: Obstacle, start: FloatArray, goal: FloatArray) -> str:
         robot = self.spec.to_mapping(self.file.parent)

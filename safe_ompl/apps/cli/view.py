@@ -26,7 +26,7 @@ from safe_ompl.robot import PackageDir
 from safe_ompl.scene import Scenario
 from safe_ompl.tasks import PROGRAM_TIME, plan_program
 
-_PLANNERS = (PRACTICE, ALL_WAYS)
+_SHOWN_PLANNERS = (PRACTICE, ALL_WAYS)
 _NONE = ("none",)
 
 
@@ -129,12 +129,12 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
         return ViewerContent(robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name)
     setup = setup_scenario(scenario, robot)
     results = []
-    for planner in options.planners or _PLANNERS:
+    for planner in options.planners or _SHOWN_PLANNERS:
         check_named_planner(scenario, planner_of(planner), setup)
         chosen = arguments.run_options(options, scenario, planner_of(planner))
         if not options.planners:
             chosen["simplify"] = options.simplify or True
-        if planner in _PLANNERS:
+        if planner in _SHOWN_PLANNERS:
             del chosen["seed"]
             result = run_planner(setup, Run(planner, options.seed), **chosen)
         else:

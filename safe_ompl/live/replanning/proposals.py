@@ -25,7 +25,7 @@ _AFTER = 0.5  # [s]
 # With less than this left a proposal is over.
 _OVER = 1e-3  # [s]
 # A change of velocity takes at least this long.
-_LEAST_INTERVAL = 1e-3  # [s]
+_LEAST_POINT_INTERVAL = 1e-3  # [s]
 # Damping of the inverse of the Jacobian.
 _DAMPING = 0.05  # [m/rad]
 # So many of the next positions are left out where the robot cannot go through them in its direction.
@@ -52,7 +52,7 @@ _CORNER = 1e-4  # [rad/s]
 # take.
 _BUMP: FloatArray = np.array([-5.5, 3.5, -1.0])
 _BUMP_SHARE = 0.15
-_RAMPS: FloatArray = np.geomspace(_LEAST_INTERVAL, 10.0, 100)  # [s]
+_RAMPS: FloatArray = np.geomspace(_LEAST_POINT_INTERVAL, 10.0, 100)  # [s]
 # Knots that are nearer than this are one.
 _EQUAL_TIMES = 1e-9  # [s]
 
@@ -255,7 +255,7 @@ def _bent(spline: Motion, d2: FloatArray, rate: float, jerk: FloatArray) -> Moti
     """
     change = d2 - spline.places(np.zeros(1)).d2q_ds2[0]
     length = rate**3 * np.abs(_BUMP).max() * float((np.abs(change) / jerk).max()) / _BUMP_SHARE
-    length = float(np.clip(length, _LEAST_INTERVAL, 0.5 * spline.length))
+    length = float(np.clip(length, _LEAST_POINT_INTERVAL, 0.5 * spline.length))
     still, spans = np.zeros_like(change), np.append(np.full(3, length / 3), spline.length - length)
     third = np.append(_BUMP, 0.0)[:, None] / length * change
     second = change + _sums_before(spans[:, None] * third)
@@ -308,8 +308,8 @@ class Velocity:
         if limits.jerk is None:
             most = _ACCELERATION_SHARE * limits.acceleration
             up = float((np.abs(target - state.qd) / most).max())
-            down = max(float((np.abs(target) / most).max()), _LEAST_INTERVAL)
-            up = max(up, _LEAST_INTERVAL) if up > 0 else 0.0
+            down = max(float((np.abs(target) / most).max()), _LEAST_POINT_INTERVAL)
+            up = max(up, _LEAST_POINT_INTERVAL) if up > 0 else 0.0
             spans = np.array([up, self.held - up, down])
             changes = np.stack([target - state.qd, still, -target])
             kept = spans > 0

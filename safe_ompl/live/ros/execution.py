@@ -28,7 +28,7 @@ ACTION = "guard"
 _AGAIN = 0.5  # [s]
 # The time that joints have to reach the end after the last command.
 _SETTLES = 1.0  # [s]
-_EQUAL_POSITIONS = 1e-6  # [rad or m]
+_EQUAL_JOINT_VALUES = 1e-6  # [rad or m]
 # The execution must begin within this time.
 _BEGINS = 10.0  # [s]
 
@@ -140,7 +140,7 @@ class Execution:
     @property
     def arrived(self) -> bool:
         """Whether the robot was told to go to its end."""
-        return self.done >= self.duration - _EQUAL_POSITIONS
+        return self.done >= self.duration - _EQUAL_JOINT_VALUES
 
     def drive_with(self, shield: Shield, start: FloatArray, tolerance: float) -> None:
         """Let a shield execute the rest, from where the robot stands; raise SafeOmplError if it is not proven."""
