@@ -3,8 +3,9 @@
 from safe_ompl.geometry.convex cimport Bodies, Pose, Search, ShapeTable
 from safe_ompl.robot.kinematics cimport EdgeTable, Joint, JointTable
 
+# Balls about groups are compared in blocks of LANES, which fill the SIMD registers.
 cdef enum:
-    LANES = 8  # balls that are looked at together
+    LANES = 8
 
 
 # A group of pairs, all of one of the robot's bodies; see `grouped` in `proofs.pyx`.

@@ -51,13 +51,17 @@ ALLOWANCE = 2 * DISTANCE_ERROR
 # Pairs of near obstacles come in blocks of so many.
 BLOCK = 64
 
+# A group has at most MOST_PAIRS pairs. The box about a group of at most FEW_PAIRS pairs is not compared, because the
+# balls of its pairs take no longer. RUN groups have one ball about all of them, by which they are left out together.
+# At most INTERVALS intervals of a motion wait to be proven. The SUSPECTS pairs that blocked motions last are compared
+# first. A thread proves TOGETHER motions before it checks for Ctrl-C again.
 cdef enum:
-    MOST_PAIRS = 64       # of a group
-    FEW_PAIRS = 2 * LANES  # of a group whose box is not looked at
-    RUN = 8               # groups that are left out together
-    INTERVALS = 64        # the most that may wait to be proven
-    SUSPECTS = 8          # pairs that blocked motions last
-    TOGETHER = 256        # motions that a thread proves between two looks for Ctrl-C
+    MOST_PAIRS = 64
+    FEW_PAIRS = 2 * LANES
+    RUN = 8
+    INTERVALS = 64
+    SUSPECTS = 8
+    TOGETHER = 256
 
 # The first intervals are such that bodies move at most this far [m] in half of one. Shorter intervals need more bounds,
 # longer ones make more pairs near; there are at most MOST_FIRST of them. Where there are more than CROWD pairs, too
@@ -65,9 +69,9 @@ cdef enum:
 cdef double FIRST_MOTION = 0.45
 cdef double MOST_FIRST = 8.0
 cdef double CROWD = 25_000.0
-# Relative rounding of the length of an interval, and of how far bodies move.
-# The allowance of `ALLOWANCE`, for compiled code.
+# `ALLOWANCE` as a number of C.
 cdef double _ALLOWANCE = ALLOWANCE
+# Relative rounding of the length of an interval, and of how far bodies move.
 cdef double ROUNDING = 1e-12
 # Rounding of distances between balls about groups [m].
 cdef double GROUP_ROUNDING = 1e-9
@@ -384,7 +388,8 @@ cdef class DistanceBounds:
             found = np.full((len(Q) * len(some.exact), 10), -np.inf)
             found[:, :2] = np.indices((len(Q), len(some.exact))).reshape(2, -1).T
             return found
-        self._counts.bound_queries += len(Q) if within < np.inf else 0  # else distances are asked for
+        # A search without a limit is for distances; the caller counts these as distance queries.
+        self._counts.bound_queries += len(Q) if within < np.inf else 0
         return self._nearest(self._values(Q), some.bodies, some.exact, within, DISTANCE_ERROR, least)
 
     def _nearest(

@@ -20,11 +20,13 @@ from safe_ompl.robot.kinematics cimport Joint
 cdef extern from "math.h" nogil:
     float sqrtf(float)
 
+# There are W lanes; a register of the processor holds GROUP of them. The highest bound of each CHUNK of points is kept.
+# Of many points, BLOCK are handled at once, so that their distances stay in the first-level cache.
 cdef enum:
-    W = 16       # lanes
-    GROUP = 4    # lanes of a processor's register
-    CHUNK = 8    # points of which the highest bound is known
-    BLOCK = 128  # points at once, so that what is known of them stays in the nearest cache
+    W = 16
+    GROUP = 4
+    CHUNK = 8
+    BLOCK = 128
 
 cdef double LN2 = 0.6931471805599453
 # Above this value of 2ℓ/(S − ℓ) the difference has lost too many digits.

@@ -25,7 +25,8 @@ MAXIMUM, MEAN, SOFTMAX = 0, 1, 2
 _build = "lanes_v3" if __cpu_features__.get("AVX2") and __cpu_features__.get("FMA3") else "lanes"
 try:
     _chosen = import_module(f"safe_ompl.danger.{_build}")
-except ImportError:  # only processors of the x86 family have two builds
+except ImportError:
+    # Only processors of the x86 family have two builds.
     _chosen = import_module("safe_ompl.danger.lanes")
 lanes_module = _chosen.__name__
 cdef const LaneFunctions *lanes = <const LaneFunctions *> PyCapsule_GetPointer(

@@ -125,8 +125,9 @@ cdef inline void place_moving(
 
 cdef inline Vector beyond_box(const Body *body, const Pose *pose, const double *point) noexcept nogil:
     """Return the way, in the frame of a body, from the box that holds the body to a point (3,) of the world."""
-    cdef const double *o = pose.centre
-    cdef const double *half = body.extent
+    # Cython would keep a bare `pose.centre` in a temporary pointer without `const`.
+    cdef const double *o = &pose.centre[0]
+    cdef const double *half = &body.extent[0]
     cdef double x = point[0] - o[0], y = point[1] - o[1], z = point[2] - o[2]
     cdef double a = pose.rotation[0][0] * x + pose.rotation[1][0] * y + pose.rotation[2][0] * z
     cdef double b = pose.rotation[0][1] * x + pose.rotation[1][1] * y + pose.rotation[2][1] * z

@@ -382,7 +382,7 @@ cdef Bounds _cell_bounds(
     cdef const Body *body = &bodies.body[a]
     cdef const Pose *pose = &bodies.pose[a]
     cdef const Pose *solid = &bodies.pose[b]
-    cdef const double *at = pose.centre
+    cdef const double *at = &pose.centre[0]
     cdef const Node *nodes = bodies.nodes
     cdef const Body *cell
     cdef Pose *place
