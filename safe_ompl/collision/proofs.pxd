@@ -103,13 +103,24 @@ cdef Outcome prove_edge(
     const double *required, double most, double floor,
 ) noexcept nogil
 
-cdef int check_near(
+# What a robot near obstacles costs; see `hinge_costs` in `proofs.pyx`.
+cdef struct HingeTerms:
+    # The number of the joint in Pinocchio that carries the first body of each pair, (K,).
+    const Py_ssize_t *carriers
+    # Rows of `DistanceBounds.near`, (C, 10), and C.
+    const double *near
+    Py_ssize_t near_count
+    # Distances D > 0 [m] from which on obstacles cost nothing, and weights w, (H, 2); and H.
+    const double *hinges
+    Py_ssize_t hinge_count
+
+
+cdef HingeTerms hinge_terms(
     JointTable joints, Py_ssize_t B, const Py_ssize_t[::1] carriers, const double[:, ::1] near,
     const double[:, ::1] hinges,
-) except -1
+) except *
 
 cdef void add_hinge_costs(
-    const Joint *joints, Py_ssize_t m, const double *values, const Py_ssize_t *carriers, const double *near,
-    Py_ssize_t C, const double *hinges, Py_ssize_t H, double *frames, double *costs, double *gradients,
-    double *vectors,
+    const Joint *joints, Py_ssize_t m, const double *values, const HingeTerms *terms, double *frames, double *costs,
+    double *gradients, double *vectors,
 ) noexcept nogil

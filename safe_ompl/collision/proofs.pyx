@@ -410,7 +410,7 @@ cdef class DistanceBounds:
                     found = np.concatenate([found, np.empty_like(found)])
                     table = found
                 if _nearest_points(
-                    &self.pairs, work, pairs[p, 0], pairs[p, 1], known[p], &axes[p, 0], within, error, &table[number, 0]
+                    work, pairs[p, 0], pairs[p, 1], known[p], &axes[p, 0], within, error, &table[number, 0]
                 ):
                     table[number, 0], table[number, 1] = row, p
                     if least and known[p]:
@@ -731,8 +731,7 @@ cdef double _clearance(const Pairs *pairs, Workspace work, double enough) noexce
 
 
 cdef bint _nearest_points(
-    const Pairs *pairs, Workspace work, Py_ssize_t A, Py_ssize_t B, bint exact, double *axis, double within,
-    double error, double *found,
+    Workspace work, Py_ssize_t A, Py_ssize_t B, bint exact, double *axis, double within, double error, double *found
 ) noexcept nogil:
     """Write what `DistanceBounds.near` returns of a pair of bodies, (10,); return whether they are near."""
     cdef Bodies *bodies = &work.bodies
@@ -821,10 +820,10 @@ def hinge_costs(
     returns, of pairs whose first bodies are carried by joints with Pinocchio's numbers, `carriers: (K,)`. Pairs in
     contact do not count. The `hinges: (H, 2)` are D > 0 [m] and w. As in CHOMP and TrajOpt.
     """
-    cdef Py_ssize_t m = joints.m, B = values.shape[0], C = near.shape[0], H = hinges.shape[0]
+    cdef Py_ssize_t m = joints.m, B = values.shape[0], C = near.shape[0]
     if values.shape[1] != m:
         raise InputError(f"values must have {m} columns, got {values.shape[1]}")
-    check_near(joints, B, carriers, near, hinges)
+    cdef HingeTerms terms = hinge_terms(joints, B, carriers, near, hinges)
     costs, gradients, vectors = np.zeros(B), np.zeros((B, m)), np.zeros((C, m))
     cdef double[::1] cost = costs
     cdef double[:, ::1] gradient = gradients
@@ -836,18 +835,21 @@ def hinge_costs(
             raise MemoryError
         with nogil:
             add_hinge_costs(
-                joints.data, m, &values[0, 0], &carriers[0], &near[0, 0], C, &hinges[0, 0] if H else NULL, H, frames,
-                &cost[0], &gradient[0, 0], &vector[0, 0],
+                joints.data, m, &values[0, 0], &terms, frames, &cost[0], &gradient[0, 0], &vector[0, 0]
             )
         free(frames)
     return costs, gradients, vectors
 
 
-cdef int check_near(
+cdef HingeTerms hinge_terms(
     JointTable joints, Py_ssize_t B, const Py_ssize_t[::1] carriers, const double[:, ::1] near,
     const double[:, ::1] hinges,
-) except -1:
-    """Raise InputError unless near pairs are of B configurations and of pairs that joints of the robot carry."""
+) except *:
+    """Return pointers to the arrays, which the caller keeps.
+
+    Raises InputError unless near pairs are of B configurations and of pairs that joints of the robot carry.
+    """
+    cdef HingeTerms terms
     cdef Py_ssize_t c
     if near.shape[1] != 10 or hinges.shape[1] != 2:
         raise InputError("near pairs must have 10 columns, and hinges 2")
@@ -856,13 +858,16 @@ cdef int check_near(
             raise InputError(f"near pair {c} is of a configuration or a pair that there is not")
         if not 0 <= carriers[<Py_ssize_t> near[c, 1]] <= joints.m:
             raise InputError(f"pair {near[c, 1]:g} is carried by a joint that there is not")
-    return 0
+    terms.near_count, terms.hinge_count = near.shape[0], hinges.shape[0]
+    terms.carriers = &carriers[0] if carriers.shape[0] else NULL
+    terms.near = &near[0, 0] if near.shape[0] else NULL
+    terms.hinges = &hinges[0, 0] if hinges.shape[0] else NULL
+    return terms
 
 
 cdef void add_hinge_costs(
-    const Joint *joints, Py_ssize_t m, const double *values, const Py_ssize_t *carriers, const double *near,
-    Py_ssize_t C, const double *hinges, Py_ssize_t H, double *frames, double *costs, double *gradients,
-    double *vectors,
+    const Joint *joints, Py_ssize_t m, const double *values, const HingeTerms *terms, double *frames, double *costs,
+    double *gradients, double *vectors,
 ) noexcept nogil:
     """Add `hinge_costs` (B,) and gradients (B, m), and write vectors (C, m) unless NULL; `frames: (15 m,)` is memory.
 
@@ -870,15 +875,17 @@ cdef void add_hinge_costs(
     """
     cdef Py_ssize_t c, b, i, x, y, z, h, placed = -1
     cdef double distance, rate, bend, lack, slope, turning
+    cdef const double *near = terms.near
+    cdef const double *hinges = terms.hinges
     cdef double *origin = frames + 9 * m
     cdef double *axis = frames + 12 * m
     cdef const double *p
     cdef const double *normal
     cdef const double *frame
     cdef double place[3]
-    for c in range(C):
+    for c in range(terms.near_count):
         p, normal = near + 10 * c + 3, near + 10 * c + 6
-        b, i = <Py_ssize_t> near[10 * c], carriers[<Py_ssize_t> near[10 * c + 1]] - 1
+        b, i = <Py_ssize_t> near[10 * c], terms.carriers[<Py_ssize_t> near[10 * c + 1]] - 1
         if not near[10 * c + 2] > 0.0:
             continue
         if b != placed:
@@ -892,7 +899,7 @@ cdef void add_hinge_costs(
                 place[x] = origin[3 * i + x] + frame[0] * p[0] + frame[1] * p[1] + frame[2] * p[2]
             distance += place[x] * normal[x]
         rate, bend = 0.0, 0.0
-        for h in range(H):
+        for h in range(terms.hinge_count):
             lack = 1.0 - distance / hinges[2 * h]
             if lack > 0.0:
                 costs[b] += hinges[2 * h + 1] * lack * lack

@@ -1,5 +1,6 @@
 """Costs of paths for compiled modules."""
 
+from safe_ompl.collision.proofs cimport HingeTerms
 from safe_ompl.danger.static cimport PointDanger
 from safe_ompl.robot.kinematics cimport JointTable
 
@@ -43,6 +44,8 @@ cdef class Densities:
     cdef const Py_ssize_t[::1] _carriers
     cdef const double[:, ::1] _near
     cdef const double[:, ::1] _hinges
+    # Pointers to the three arrays above.
+    cdef HingeTerms _obstacle_terms
     cdef Py_ssize_t _rows
     cdef int check(self, Py_ssize_t n, Py_ssize_t rows) except -1
     cdef void add_near(

@@ -8,7 +8,7 @@ from libc.math cimport INFINITY, ceil, fabs, sqrt
 from libc.stdlib cimport free, malloc
 from libc.string cimport memcpy, memset
 
-from safe_ompl.collision.proofs cimport add_hinge_costs, check_near
+from safe_ompl.collision.proofs cimport add_hinge_costs, hinge_terms
 from safe_ompl.danger.static cimport PointDanger
 from safe_ompl.robot.kinematics cimport difference
 
@@ -327,7 +327,7 @@ cdef class Densities:
         self._rows = 0
         for c in range(self._near.shape[0]):
             self._rows = max(self._rows, 1 + <Py_ssize_t> self._near[c, 0])
-        check_near(self._joints, self._rows, self._carriers, self._near, self._hinges)
+        self._obstacle_terms = hinge_terms(self._joints, self._rows, self._carriers, self._near, self._hinges)
 
     cdef int check(self, Py_ssize_t n, Py_ssize_t rows) except -1:
         """Raise InputError if configurations (rows, n) are of other joints, or fewer than those with near pairs."""
@@ -339,11 +339,9 @@ cdef class Densities:
         self, const double *values, double *frames, double *costs, double *gradients, double *vectors
     ) noexcept nogil:
         """Add what obstacles cost (B,) at values (B, m) of the joints; see `add_hinge_costs`."""
-        cdef Py_ssize_t C = self._near.shape[0], H = self._hinges.shape[0]
-        if C and H:
+        if self._obstacle_terms.near_count and self._obstacle_terms.hinge_count:
             add_hinge_costs(
-                self._joints.data, self.terms.m, values, &self._carriers[0], &self._near[0, 0], C, &self._hinges[0, 0],
-                H, frames, costs, gradients, vectors,
+                self._joints.data, self.terms.m, values, &self._obstacle_terms, frames, costs, gradients, vectors
             )
 
     cdef int price(self, PricedPath at, bint known, double *vectors) except -1 nogil:
