@@ -1,12 +1,12 @@
-"""Checks of what users give, in Python and in documents: numbers, text, arrays, lists, mappings; and sections.
+"""Validation of user input, from Python calls and from YAML or JSON documents.
 
-Every check takes what people have (Python's and NumPy's scalars, lists, arrays), returns it as the plain type that it
-stands for, or raises an `InputError` that reads ``<key>: must be <what would be right>, got <what was given>``. A bool
-is never taken for a number, and NaN never for a value.
+Each function accepts Python and NumPy values and returns the plain Python type, or raises an `InputError` of the form
+``<key>: must be <what would be right>, got <what was given>``. A bool is not accepted as a number. `float_array`
+accepts NaN and infinity; all other functions refuse them.
 
-A `Section` of a document is a dataclass that names each key once, with the check of its value and its default (`key`).
-From that follow the checks where Python makes one, reading from a mapping, and writing. Each level of a document wraps
-its children in `within`, so that the message grows into the full path on its way up:
+A `Section` of a document is a dataclass. Each field declares its key, the check of its value and its default (`key`).
+The fields define the checks on construction, `from_mapping` and `to_mapping`. Each level reads its children inside
+`within`, which puts its own key before the key in the error message:
 ``scene.obstacles[2] 'table'.box.size: must be a positive number, got -0.2``. `files.reading` adds file and line.
 """
 
@@ -39,23 +39,24 @@ RATE_BOUNDS: dict[str, dict[str, Any]] = {
     "jerk": {"at_least": 0.1, "at_most": 1e8},
     "speed": {"at_least": 1e-4, "at_most": 999.0},
 }
-"""What limits of joints [rad or m, s], and speeds of points [m/s], may be: arguments of `number`.
+"""Allowed ranges of joint limits (in rad or m, and s) and of point speeds [m/s], as keyword arguments of `number`.
 
-No arm is faster, so that a larger limit is a mistake; rates may be above the least ones by 1 % (`docs/proofs.md`).
+No robot arm exceeds the upper bounds. The tolerance of `check` is 1 % of the lower bounds (`docs/proofs.md`).
 """
 
 # A message shows at most this many numbers of an array.
 _LISTED = 12
 _SEEDS = 2**32
-# Types are compared with ==, since arrays of kernels have an equal type, not the same object.
+# dtypes are compared with ==, because arrays of compiled modules can have an equal dtype that is another object.
 _FLOAT = np.dtype(np.float64)
-# The longest name or remark, in characters.
+# Names and remarks have at most this many characters.
 _LONGEST_LINE = 1000
 _DEEPEST = 20  # levels of `plain` data
 _folder: ContextVar[Path | None] = ContextVar("folder", default=None)
 
 
-class within:  # noqa: N801 (a context manager, in a third of the time of one that is a generator)
+# This is a class, because a generator-based context manager takes three times as long.
+class within:  # noqa: N801 (a context manager)
     """Put `place` before the key of every InputError raised inside the block."""
 
     def __init__(self, place: str, separator: str = ".") -> None:
@@ -81,19 +82,19 @@ def number(
     at_most: float | None = None,
     kind: str = "number",
 ) -> float:
-    """Return `value` as a finite float within bounds (of the lower ones at most one), or raise InputError.
+    """Return `value` as a finite float within the bounds, or raise InputError. Give at most one lower bound.
 
-    For the message: `name` says what the value is, `kind` what sort of number it is ("length", "number of seconds").
+    The message uses `name` for the value and `kind` for the sort of number ("length", "number of seconds").
     """
     if type(value) is float and above is at_least is at_most is None and math.isfinite(value):
-        # Nearly all values end here. The general way takes five times as long.
+        # Most values are plain floats without bounds. The general code takes five times as long.
         return value
     plain = _scalar(value)
     if isinstance(plain, Real) and not isinstance(plain, bool):
         try:
             result = float(plain)
         except OverflowError:
-            # The whole number is too large for a float.
+            # The integer is too large for a float.
             result = math.inf
         if (
             math.isfinite(result)
@@ -123,26 +124,26 @@ def fraction(name: str, value: Any) -> float:
 
 
 def seed(value: Any, name: str = "seed") -> int:
-    """Return `value` as a seed of OMPL's and NumPy's generators, a whole number in [0, 2³²), or raise InputError."""
+    """Return `value` as a random seed for OMPL and NumPy, an int in [0, 2³²), or raise InputError."""
     return whole_number(name, value, at_least=0, at_most=_SEEDS - 1)
 
 
 def flag(name: str, value: Any) -> bool:
-    """Return `value` as a bool, or raise InputError; 0 and 1 are numbers."""
+    """Return `value` as a bool, or raise InputError; 0 and 1 are refused."""
     if not isinstance(value, (bool, np.bool_)):
         raise InputError(f"must be true or false, got {shown(value)}", name)
     return bool(value)
 
 
 def text(name: str, value: Any) -> str:
-    """Return `value` as text that is not empty, or raise InputError."""
+    """Return `value` as non-empty text, or raise InputError."""
     if not isinstance(value, str) or not value.strip():
         raise InputError(f"must be text that is not empty, got {shown(value)}", name)
     return str(value)
 
 
 def instance(name: str, value: Any, kind: type[_Kind]) -> _Kind:
-    """Return `value` where it is of a class, or raise InputError, which names the class."""
+    """Return `value` if it is an instance of `kind`, else raise InputError with the name of the class."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
         raise InputError(f"must be {article} {kind.__name__}, got {shown(value)}", name)
@@ -150,14 +151,14 @@ def instance(name: str, value: Any, kind: type[_Kind]) -> _Kind:
 
 
 def line(key: str, value: Any) -> str:
-    """Return one line of text that can be printed: no control characters that would change what a terminal shows."""
+    """Return `value` as one line of text, or raise InputError; control characters would garble a terminal."""
     if not isinstance(value, str) or not value.strip() or not value.isprintable() or len(value) > _LONGEST_LINE:
         raise InputError(f"must be text of one line that can be printed, got {shown(value)}", key)
     return value
 
 
 def one_of(key: str, value: Any, known: Iterable[Any]) -> Any:
-    """Return `value`, which is one of some values."""
+    """Return `value` if `known` has an equal value of the same type, else raise UnknownNameError."""
     known = tuple(known)
     if not any(value == item and type(value) is type(item) for item in known):
         raise UnknownNameError(key, value, map(str, known))
@@ -165,7 +166,7 @@ def one_of(key: str, value: Any, known: Iterable[Any]) -> Any:
 
 
 def sha(key: str, value: Any) -> str:
-    """Return a SHA-256 in hexadecimal digits."""
+    """Return `value` as a SHA-256 of 64 lowercase hexadecimal digits, or raise InputError."""
     if not isinstance(value, str) or len(value) != 64 or not set(value) <= set("0123456789abcdef"):
         raise InputError(f"must be a SHA-256, got {shown(value)}", key)
     return value
@@ -175,10 +176,10 @@ def sha(key: str, value: Any) -> str:
 
 
 def finite_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> FloatArray:
-    """Return `value` as a new float array of the given shape (None: any length), free of NaN and infinity.
+    """Return `value` as a new float array of the given shape (None: any length) without NaN and infinity.
 
-    Raises InputError, whose message starts with `name`, if it is not numeric, has another shape, or holds NaN or
-    infinity.
+    Raises InputError, whose message starts with `name`, if `value` is not numeric, has another shape, or contains NaN
+    or infinity.
     """
     array = float_array(value, shape, name)
     if not np.isfinite(array).all():
@@ -187,7 +188,7 @@ def finite_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> 
 
 
 def float_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> FloatArray:
-    """Return `value` as `finite_array` does, but let NaN and infinity pass: for the data of sensors."""
+    """Return `value` as `finite_array` does, but allow NaN and infinity, since sensor data contain them."""
     try:
         given = np.asarray(value)
         if given.dtype.kind not in "fiu":
@@ -202,14 +203,17 @@ def float_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> F
 
 
 def configuration(q: ArrayLike, n: int, name: str = "configuration") -> FloatArray:
-    """Return `q` as a float array (n,), itself where it is one (half a microsecond); errors as `finite_array`."""
+    """Return `q` as a finite float array (n,). Raises as `finite_array`.
+
+    A finite float array of this shape is returned without a copy, which takes 0.5 µs.
+    """
     if type(q) is np.ndarray and q.dtype == _FLOAT and q.shape == (n,) and math.isfinite(q.dot(q)):
         return q
     return finite_array(q, (n,), name)
 
 
 def configurations(Q: ArrayLike, n: int, name: str = "configurations") -> FloatArray:
-    """Return `Q` as a float array (B, n); see `configuration`."""
+    """Return a batch of B configurations as a finite float array (B, n), without a copy as in `configuration`."""
     is_batch = isinstance(Q, np.ndarray) and Q.dtype == _FLOAT and Q.ndim == 2 and Q.shape[1] == n
     if isinstance(Q, np.ndarray) and is_batch and math.isfinite(np.vdot(Q, Q)):
         return Q
@@ -217,19 +221,19 @@ def configurations(Q: ArrayLike, n: int, name: str = "configurations") -> FloatA
 
 
 def motion_ends(start: ArrayLike, end: ArrayLike, n: int) -> FloatArray:
-    """Return the ends (2, n) of a motion as a float array; errors as `configuration`."""
+    """Return start and end of a motion as a new float array (2, n). Raises as `configuration`."""
     return np.array([configuration(start, n, "start of a motion"), configuration(end, n, "end of a motion")])
 
 
 def shaped_configuration(q: ArrayLike, n: int, name: str) -> FloatArray:
-    """Return `q` as a float array (n,); that what is one already is finite is for the caller to check."""
+    """Return `q` as a float array (n,). The caller must check a float array of this shape for NaN and infinity."""
     if type(q) is np.ndarray and q.dtype == _FLOAT and q.shape == (n,):
         return q
     return finite_array(q, (n,), name)
 
 
 def array(key: str, value: Any, *, ndim: int = 1) -> FloatArray:
-    """Return lists of finite numbers as an array that cannot be written to, of any lengths in one or two dimensions."""
+    """Return nested lists of finite numbers as a read-only array with `ndim` (1 or 2) dimensions and any shape."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     rows = [value] if ndim == 1 else value
@@ -239,6 +243,7 @@ def array(key: str, value: Any, *, ndim: int = 1) -> FloatArray:
         raise InputError("must have rows of one length", key)
     if not all(_is_finite(item) for row in rows for item in row):
         raise InputError("must be numbers, all of them finite", key)
+    # NumPy cannot infer the second dimension of an empty list, so the shape (0, 0) is given.
     found = np.array(value, dtype=np.float64).reshape((0, 0) if ndim == 2 and not value else (len(value), -1)[:ndim])
     found.setflags(write=False)
     return found
@@ -248,7 +253,7 @@ def array(key: str, value: Any, *, ndim: int = 1) -> FloatArray:
 
 
 def sequence(key: str, value: Any) -> list[Any]:
-    """Return `value` as a list; arrays are welcome, text is not."""
+    """Return `value` as a list; arrays are accepted, text is refused."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if not isinstance(value, (list, tuple)):
@@ -259,7 +264,11 @@ def sequence(key: str, value: Any) -> list[Any]:
 def each(
     key: str, value: Any, read: Callable[..., Any], *, count: int | None = None, least: str = "", **options: Any
 ) -> tuple[Any, ...]:
-    """Return `value` as a tuple of what is read: of `count` entries; one `least` there is, if that is named."""
+    """Read each entry of a list with `read` and return the results as a tuple.
+
+    The list must have `count` entries if given. If `least` is given, it names the kind of entry, and an empty list is
+    refused. Raises InputError.
+    """
     items = sequence(key, value)
     if count is not None and len(items) != count:
         raise InputError(f"must have {count} entries, got {len(items)}", key)
@@ -269,7 +278,7 @@ def each(
 
 
 def numbers(key: str, value: Any, count: int | None = None, **bounds: Any) -> tuple[float, ...]:
-    """Return `value` as `count` finite floats, each within bounds of `number`."""
+    """Return `value` as `count` finite floats (None: any number), each within the `bounds` of `number`."""
     items = sequence(key, value)
     if count is not None and len(items) != count:
         raise InputError(f"must be {count} numbers, got {len(items)}: {shown(items)}", key)
@@ -277,7 +286,7 @@ def numbers(key: str, value: Any, count: int | None = None, **bounds: Any) -> tu
 
 
 def interval(key: str, value: Any) -> tuple[float, float]:
-    """Return `value` as two finite floats, the second one larger than the first."""
+    """Return `value` as two finite floats (low, high) with low < high, or raise InputError."""
     low, high = numbers(key, value, 2)
     if not low < high:
         raise InputError(f"must be the least and the largest value, got [{low:g}, {high:g}]", key)
@@ -288,7 +297,7 @@ def interval(key: str, value: Any) -> tuple[float, float]:
 
 
 def mapping(key: str, value: Any, valid: Iterable[str] | None = None) -> dict[str, Any]:
-    """Return `value` as a mapping with text keys, all of them among `valid` if given."""
+    """Return `value` as a dict with printable text keys, or raise InputError. If given, `valid` has all keys."""
     if not isinstance(value, Mapping):
         raise InputError(f"must be a mapping of keys to values, got {described(value)}", key)
     for name in value:
@@ -310,14 +319,17 @@ def check_keys(data: Mapping[str, Any], valid: Iterable[str]) -> None:
 
 
 def require(data: Mapping[str, Any], key: str) -> Any:
-    """Return ``data[key]``, or raise InputError if there is none."""
+    """Return ``data[key]``, or raise InputError if the key is missing."""
     if key not in data:
         raise InputError("missing, but needed", key)
     return data[key]
 
 
 def section(key: str, value: Any, kind: Any) -> Any:
-    """Return `value` as a class with `from_mapping`: itself, or what that reads; nothing is an empty mapping."""
+    """Return `value` unchanged if it is an instance of `kind`, else read it by `kind.from_mapping`.
+
+    None is read as an empty mapping.
+    """
     if isinstance(value, kind):
         return value
     given = mapping(key, {} if value is None else value)
@@ -328,7 +340,11 @@ def section(key: str, value: Any, kind: Any) -> Any:
 def by_name(
     key: str, value: Any, read: Callable[..., Any], known: Iterable[str] | None = None, least: str = "", **options: Any
 ) -> dict[str, Any]:
-    """Return `value` as a mapping of names, among `known` if given, to what is read: one `least`, if that is said."""
+    """Read each value of a mapping with `read` and return the results by name.
+
+    If given, `known` lists the allowed names. If `least` is given, it names the kind of entry, and an empty mapping is
+    refused. Raises InputError.
+    """
     given = mapping(key, value, known)
     if least and not given:
         raise InputError(f"must name one {least} at least", key)
@@ -337,7 +353,7 @@ def by_name(
 
 
 def plain(key: str, value: Any, depth: int = _DEEPEST) -> Any:
-    """Return plain data of any kind, whose text can be printed; its user checks it further."""
+    """Return a copy of mappings, lists, finite numbers, bools, None and printable text, or raise InputError."""
     if depth == 0:
         raise InputError("is nested too deeply", key)
     if isinstance(value, Mapping):
@@ -357,7 +373,7 @@ def plain(key: str, value: Any, depth: int = _DEEPEST) -> Any:
 
 @contextmanager
 def _in_folder(folder: Path | None) -> Iterator[None]:
-    """Have files that are read or written inside the block named relative to a folder, if there is one."""
+    """Inside the block, take file names in documents as relative to `folder`; None changes nothing."""
     token = _folder.set(_folder.get() if folder is None else folder.resolve())
     try:
         yield
@@ -366,12 +382,12 @@ def _in_folder(folder: Path | None) -> Iterator[None]:
 
 
 def folder_of_document() -> Path:
-    """Return the folder that names of files in the document that is read are relative to."""
+    """Return the folder of the document being read. File names in the document are relative to this folder."""
     return _folder.get() or Path()
 
 
 def file(key: str, value: Any, endings: tuple[str, ...]) -> Path:
-    """Return `value` as the absolute path of a file that exists and ends in one of `endings`."""
+    """Return `value` as the absolute path of an existing file with one of the `endings`, or raise InputError."""
     if not isinstance(value, (str, os.PathLike)):
         raise InputError(f"must be a file name, got {shown(value)}", key)
     path = folder_of_document() / value
@@ -383,7 +399,10 @@ def file(key: str, value: Any, endings: tuple[str, ...]) -> Path:
 
 
 def file_name(path: Path, folder: Path | None = None) -> str:
-    """Return how a document in a folder, by default the one being written, names `path`; in full if there is none."""
+    """Return `path` as a document writes it: relative to `folder`, or unchanged if there is no folder.
+
+    The default folder is the folder of the document being written.
+    """
     folder = folder or _folder.get()
     return str(path) if folder is None else Path(os.path.relpath(path, folder.resolve())).as_posix()
 
@@ -392,28 +411,32 @@ def file_name(path: Path, folder: Path | None = None) -> str:
 
 
 def key(read: Callable[..., Any], /, *, default: Any = MISSING, factory: Any = MISSING, **options: Any) -> Any:
-    """Return the field of a `Section` that ``read(key, value, **options)`` checks; without a default it is needed."""
+    """Declare a field of a `Section`. ``read(key, value, **options)`` checks its value.
+
+    A field without `default` and `factory` is required.
+    """
     return field(default=default, default_factory=factory, metadata={"read": read, "options": options})
 
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a document, whose keys are the fields made by `key`; raises InputError that starts with the key."""
+    """A section of a document, whose keys are the fields made by `key`; an InputError begins with the key."""
 
     def __post_init__(self) -> None:
         for item in keys_of(type(self)):
             value = getattr(self, item.name)
+            # Defaults are valid and may have another type, such as None, so they are not checked.
             if value is not item.default:
                 read = item.metadata["read"](item.name, value, **item.metadata["options"])
                 object.__setattr__(self, item.name, read)
         self.check()
 
     def check(self) -> None:
-        """Raise InputError unless the values fit together."""
+        """Raise InputError if the values contradict each other."""
 
     @classmethod
     def from_mapping(cls: type[_Section], data: Mapping[str, Any], folder: Path | None = None) -> _Section:
-        """Read the section from a document; files in it are relative to `folder`."""
+        """Read the section from a mapping; file names are relative to `folder`. Raises InputError for a wrong key."""
         known = keys_of(cls)
         check_keys(data, [item.name for item in known])
         for item in known:
@@ -423,7 +446,7 @@ class Section:
             return cls(**data)
 
     def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
-        """Return what `from_mapping` reads: what is not the default."""
+        """Return the section as a mapping for `from_mapping`. Keys with default values are left out."""
         with _in_folder(folder):
             given = ((item.name, getattr(self, item.name), _default(item)) for item in keys_of(type(self)))
             return {
@@ -458,17 +481,17 @@ def _written(value: Any) -> Any:
 
 
 def described(value: Any) -> str:
-    """Return what `value` is, for messages: its type and how it is written."""
+    """Describe `value` for an error message by its type and its text."""
     return "nothing" if value is None else f"{type(value).__name__} {shown(value)}"
 
 
 def _scalar(value: Any) -> Any:
-    """Return an array without dimensions as the number in it."""
+    """Unwrap a 0-dimensional array to a Python scalar; return other values unchanged."""
     return value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
 
 
 def _bounded(sort: str, kind: str, above: float | None, at_least: float | None, at_most: float | None) -> str:
-    """Return what a number must be: "a finite number >= 0", "a positive number", "a whole number in [0, 9]"."""
+    """Describe the allowed numbers: "a finite number >= 0", "a positive number", "a whole number in [0, 9]"."""
     if above == 0 and at_most is None:
         return f"a positive {kind}"
     lower = f"> {above:g}" if above is not None else f">= {at_least:g}" if at_least is not None else ""

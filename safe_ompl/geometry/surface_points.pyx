@@ -7,14 +7,18 @@ import numpy as np
 from safe_ompl.common import InputError
 
 
-# More steps along a surface would take more points than a machine has memory for.
+# Limit of the steps along one direction: 10⁶ steps in two directions need more memory than a machine has.
 cdef double MOST_STEPS = 1e6
 
 
 cdef Py_ssize_t _steps(double length, double step) except -1:
-    """Return in how many steps, at least one, to go along a length [m]; raise InputError if there are too many."""
+    """Return the number of steps of at most `step` [m] that divide `length` [m], at least 1.
+
+    Raises InputError for more than `MOST_STEPS` steps.
+    """
     if not length <= MOST_STEPS * step:
         raise InputError(f"a length of {length:g} m has no points in steps of {step:g} m")
+    # A length that is a multiple of the step up to rounding gets no additional step.
     return <Py_ssize_t> max(1.0, ceil(length / step - 1e-9))
 
 
@@ -25,9 +29,9 @@ cdef int _check_spacing(double spacing) except -1:
 
 
 def box_points(const double[::1] size, double spacing):
-    """Return grid points (M, 3) on the faces of a box of so many metres `size: (3,)` about the origin, edges included.
+    """Return grid points (M, 3) on the faces and edges of a box centred at the origin, with edge lengths `size: (3,)`.
 
-    The step between neighbours is at most `spacing` along x, y and z [m]. They are in order by x, then y, then z.
+    The step between neighbours is at most `spacing` along x, y and z [m]. Points are sorted by x, then y, then z.
     """
     cdef Py_ssize_t X, Y, Z, i, j, k, row = 0
     _check_spacing(spacing)
@@ -48,10 +52,10 @@ def box_points(const double[::1] size, double spacing):
 
 
 def revolved_points(const double[:, ::1] profile, double spacing):
-    """Return points (M, 3) on a solid of revolution about z; every point of its surface is within `spacing` [m] of one.
+    """Sample the surface of a solid of revolution about z.
 
-    The `profile: (K, 2)` has distance from the axis and height of the rings, from the bottom pole to the top pole, at
-    most `spacing` apart along the surface [m].
+    Each point of the surface is within `spacing` [m] of a returned point (M, 3). `profile: (K, 2)` has radius and
+    height of K rings [m], from bottom pole to top pole, at most `spacing` apart along the surface.
     """
     cdef Py_ssize_t most = 0, row = 0, r, k, count
     cdef double angle
@@ -73,14 +77,15 @@ def revolved_points(const double[:, ::1] profile, double spacing):
 
 
 cdef object _capsule_rings(double radius, double length, double spacing):
-    """Return rings (K, 2) of a capsule about z, of a ball for length 0: distance from the axis, and height."""
+    """Return radius and height (K, 2) [m] of the rings of a capsule about z. A capsule of length 0 is a sphere."""
     cdef Py_ssize_t side = _steps(length, spacing) if length > 0.0 else 0, half, k
     cdef double turn, height
     half = _steps(M_PI / 2 * radius, spacing) if length > 0.0 else _steps(M_PI * radius, spacing)
     found = np.empty((2 * half + side + 1 if length > 0.0 else half + 1, 2))
     cdef double[:, ::1] rings = found
     for k in range(rings.shape[0]):
-        # A quarter of a circle, the side, another quarter.
+        # The rings are those of the lower hemisphere (`half` steps), the cylinder (`side` steps) and the upper
+        # hemisphere (`half` steps).
         if length > 0.0:
             turn = M_PI / 2 * (
                 <double> k / half - 1.0 if k < half else <double> max(<Py_ssize_t> 0, k - half - side) / half
@@ -94,10 +99,10 @@ cdef object _capsule_rings(double radius, double length, double spacing):
 
 
 cdef void _write_frame(const double *axis, double length, double (*frame)[3]) noexcept nogil:
-    """Write the rotation (3, 3) that takes z to an axis on the shortest way; of no length: none.
+    """Compute the smallest rotation (3, 3) that maps z to `axis`; the identity if `length` is 0.
 
-    With the unit axis (x, y, z) it is I + [v]× + [v]×²/(1 + z), v = (−y, x, 0). Where z < 0 the sum 1 + z loses its
-    digits, and is computed as (x² + y²)/(1 − z).
+    For the unit axis (x, y, z) the rotation is I + [v]× + [v]×²/(1 + z), v = (−y, x, 0). For z < 0 the sum 1 + z loses
+    digits, so it is computed as (x² + y²)/(1 − z).
     """
     cdef Py_ssize_t a, b
     cdef double x, y, z, across, above
@@ -108,7 +113,7 @@ cdef void _write_frame(const double *axis, double length, double (*frame)[3]) no
         return
     x, y, z = axis[0] / length, axis[1] / length, axis[2] / length
     across = x * x + y * y
-    # The square of a smaller number would have lost its digits.
+    # If x² + y² underflows, the axis is −z, and the rotation is half a turn about x.
     if z < 0.0 and across < 1e-300:
         frame[1][1] = frame[2][2] = -1.0
         return
@@ -121,7 +126,10 @@ cdef void _write_frame(const double *axis, double length, double (*frame)[3]) no
 cdef double _depth(
     const double *point, const double *start, const double *axis, double squared, double radius
 ) noexcept nogil:
-    """Return how deep a point lies inside the capsule about start … start + axis; negative outside [m]."""
+    """Return the penetration depth [m] of a point in the capsule from `start` to `start + axis`, negative outside.
+
+    `squared` is ‖axis‖².
+    """
     cdef double t = 0.0, away = 0.0, step
     cdef Py_ssize_t x
     if squared > 0.0:
@@ -137,10 +145,10 @@ cdef double _depth(
 def capsule_points(
     const double[:, ::1] starts, const double[:, ::1] ends, const double[::1] radii, double spacing
 ):
-    """Return points (M, 3) [m] on L capsules, those deeper than `spacing` inside another one left out.
+    """Sample the surfaces of L capsules. Points deeper than `spacing` inside another capsule are left out.
 
-    `starts` and `ends` (L, 3) are those of their axes [m], the same for a ball; `radii: (L,)` [m]. Every point of a
-    capsule's surface is within `spacing` of one of its points [m].
+    `starts` and `ends` (L, 3) are the ends of the capsule axes [m], equal for a sphere; `radii: (L,)` [m]. Each point
+    of the surface of the union is within `spacing` [m] of a returned point (M, 3) [m].
     """
     cdef Py_ssize_t L = radii.shape[0], most = 0, kept = 0, i, j, k, r, a, x, count
     cdef double angle, u, v, w
@@ -162,7 +170,7 @@ def capsule_points(
         profiles.append(profile)
         for r in range(rings.shape[0]):
             most += _steps(2 * M_PI * rings[r, 0], spacing)
-    # A point stays where nothing is deeper than the spacing; else the next one takes its place.
+    # Each point is written at index `kept`. If it lies deep inside another capsule, the next point overwrites it.
     found = np.empty((most + 1, 3))
     cdef double[:, ::1] points = found
     for i in range(L):

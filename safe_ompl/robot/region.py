@@ -1,4 +1,4 @@
-"""Regions of the tip: where its position and its orientation may be, within bounds (task space regions)."""
+"""Task space regions: bounds on the position and the orientation of the tip."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from safe_ompl.robot.parts import read_pose
 from safe_ompl.robot.robot import Robot
 
 Bounds: TypeAlias = tuple[float, float]
-"""Least and largest value, equal where there is one only."""
+"""Lower and upper bound; equal for a fixed value."""
 
 _ANGLES = ("roll", "pitch", "yaw")
 _ORIGIN = (0.0, 0.0)
 _FREE = (-np.pi, np.pi), (-np.pi / 2, np.pi / 2), (-np.pi, np.pi)
-# The most sweeps over the three angles in the search for the nearest orientation.
+# The coordinate descent to the nearest orientation sweeps over the three angles at most this often.
 _SWEEPS = 100
-# The search ends after a sweep that changes no angle by more than this.
+# The coordinate descent ends after a sweep that changes no angle by more than this.
 _SETTLED = 1e-9  # [rad]
 
 
 def _bounds(key: str, given: Any) -> Bounds:
-    """Return what a user gave for bounds: two numbers, or one."""
+    """Read bounds given as [low, high] or as one number."""
     if np.ndim(given) == 0 and not isinstance(given, str):
         value = document.number(key, given)
         return value, value
@@ -40,16 +40,16 @@ def _bounds(key: str, given: Any) -> Bounds:
 
 @dataclass(frozen=True)
 class GoalRegion(Section):
-    """Where the tip may be: its position and its orientation within bounds, in a frame of the region's own.
+    """A task space region: bounds on position and orientation of the tip, in the frame of the region [1]_.
 
-    Bounds are two numbers, or one where there is no choice. The position is given by x, y and z, or by radius and z:
-    a ring, a disc or a tube about the z axis of the frame. A coordinate that is not given is 0; an angle that is not
-    given is free, and without any the orientation is.
+    Each bound is a pair (low, high), or one number for a fixed value. The position is bounded by x, y and z, or by
+    radius and z: a ring, a disc or a tube about the z axis of the frame. A coordinate that is not given is 0. An angle
+    that is not given is free. If no angle is given, the orientation is free.
 
     Parameters
     ----------
     frame : Pose, optional
-        The frame in the world; default: that of the world.
+        Pose of the region's frame in the world; default: identity.
     x, y, z : (float, float) or float, optional
         Bounds of the position in the frame [m].
     radius : (float, float) or float, optional
@@ -61,7 +61,7 @@ class GoalRegion(Section):
     Raises
     ------
     InputError
-        If bounds are no numbers, in the wrong order or out of range; if both radius and x or y are given.
+        If bounds are not numbers, in the wrong order or out of range; if radius is given together with x or y.
 
     References
     ----------
@@ -85,7 +85,7 @@ class GoalRegion(Section):
     yaw: Bounds | None = key(_bounds, default=None)
 
     def check(self) -> None:
-        """Raise InputError unless the bounds are those of one region."""
+        """Raise InputError if the bounds contradict each other or are out of range."""
         if self.radius is not None:
             if self.x is not None or self.y is not None:
                 raise InputError("give either radius, or x and y", "radius")
@@ -101,13 +101,14 @@ class GoalRegion(Section):
 
     @property
     def turns(self) -> bool:
-        """Whether the orientation is bounded, too."""
+        """Whether the region bounds the orientation."""
         return any(getattr(self, key) is not None for key in _ANGLES)
 
     def nearest(self, pose: pin.SE3) -> tuple[FloatArray, FloatArray | None]:
-        """Return the position (3,) and the orientation (3, 3) of the region nearest to a pose, all in the world frame.
+        """Project a pose onto the region. Return position (3,) and orientation (3, 3) in the world frame.
 
-        The orientation is None where any will do, else that with the least angle to the pose's own.
+        The orientation is None if the region does not bound it, else the one with the smallest rotation angle from the
+        pose.
         """
         frame = self.frame.se3
         here = frame.rotation.T @ (pose.translation - frame.translation)
@@ -118,18 +119,22 @@ class GoalRegion(Section):
         return position, rotation
 
     def distance(self, pose: pin.SE3) -> float:
-        """Return how far [m] a pose is from the region, 0 inside; a radian counts as `METRES_PER_RADIAN`."""
+        """Return the distance [m] of a pose from the region, 0 inside; 1 rad counts as `METRES_PER_RADIAN` metres."""
         error = self.error(pose)
         return float(np.sqrt(error @ error))
 
     def error(self, pose: pin.SE3) -> FloatArray:
-        """Return Δx [m] from a pose to the nearest one of the region, (3,) or (6,) as that of `Place`."""
+        """Return the task space error Δx [m] from a pose to its projection on the region.
+
+        The shape is (3,), or (6,) if the region bounds the orientation; see `Place.error`.
+        """
         return error_from(pose, *self.nearest(pose))
 
     def sample(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray | None]:
-        """Return a position (3,) of the region and an orientation (3, 3), or None where any will do, at random.
+        """Sample a position (3,) and an orientation (3, 3) of the region. A free orientation is None.
 
-        Positions are uniform in the region's volume (or area), each of the three angles within its bounds.
+        Positions are uniform in the region's volume (or area). Each angle is uniform within its bounds, so rotations
+        are not uniform on SO(3).
         """
         frame = self.frame.se3
         if self.radius is None:
@@ -156,7 +161,7 @@ class GoalRegion(Section):
         return self.roll or _FREE[0], self.pitch or _FREE[1], self.yaw or _FREE[2]
 
     def _nearest_position(self, here: FloatArray) -> FloatArray:
-        """Return the position (3,) that is nearest to one (3,), both in the frame."""
+        """Project a position (3,) onto the region; both positions are in the frame of the region."""
         low, high = np.transpose(self._coordinates)
         if self.radius is None:
             return np.clip(here, low, high)
@@ -166,7 +171,7 @@ class GoalRegion(Section):
 
 
 class RegionPlace(Place):
-    """A region of the tip as a place to go to: its error is that to the nearest pose of the region."""
+    """A task space region as target of inverse kinematics. The error is measured to the nearest pose of the region."""
 
     def __init__(self, robot: Robot, region: GoalRegion) -> None:
         super().__init__(robot, *region.nearest(region.frame.se3))
@@ -177,23 +182,25 @@ class RegionPlace(Place):
         return self.region.error(self.robot.tip_pose(q))
 
     def nearest_position(self, point: FloatArray) -> FloatArray:
-        """Return the position (3,) [m] of the region that is nearest to a point."""
+        """Return the position (3,) [m] of the region nearest to a point (3,) [m], both in the world frame."""
         return self.region.nearest(pin.SE3(np.eye(3), point))[0]
 
     def sample(self, rng: np.random.Generator) -> Place:
-        """Return a place of the region at random."""
+        """Sample a target pose of the region."""
         return Place(self.robot, *self.region.sample(rng))
 
 
 def _nearest_rotation(rotation: FloatArray, bounds: tuple[Bounds, Bounds, Bounds]) -> FloatArray:
-    """Return the orientation (3, 3) with roll, pitch and yaw within bounds and the least angle to another one."""
+    """Return the rotation (3, 3) with roll, pitch and yaw within `bounds` that has the least angle to `rotation`."""
     lower, upper = np.transpose(bounds)
     roll, pitch, yaw = pin.rpy.matrixToRpy(rotation)
     written = np.array([[roll, pitch, yaw], [roll + np.pi, np.pi - pitch, yaw + np.pi]])
     begins = _brought_within(written, lower, upper)
     if np.abs(np.sin((begins[0] - written[0]) / 2)).max() < _SETTLED:
-        return rotation  # it is inside
-    # The best angle by angle may be a corner that is not the best of all: begin in all of them.
+        # The rotation is inside the bounds.
+        return rotation
+    # Coordinate descent can end in a local minimum at a corner of the bounds. So it starts from all corners, the
+    # centre and the clipped angles.
     corners = np.stack(np.meshgrid(*bounds), axis=-1).reshape(-1, 3)
     begins = np.unique(np.vstack([begins, (lower + upper) / 2, corners]), axis=0)
     roll, pitch, yaw = _descended(rotation, begins, lower, upper).T
@@ -202,9 +209,10 @@ def _nearest_rotation(rotation: FloatArray, bounds: tuple[Bounds, Bounds, Bounds
 
 
 def _descended(rotation: FloatArray, angles: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Return what roll, pitch and yaw (S, 3) become when each in turn is set to its best, until nothing changes.
+    """Minimize the angle to `rotation` by coordinate descent over roll, pitch and yaw, from S start values (S, 3).
 
-    The angle between R and A·R_k(θ)·B falls with tr(B Rᵀ A R_k(θ)) = a cos θ + b sin θ + c.
+    The angle between R and A·R_k(θ)·B is smallest where tr(B Rᵀ A R_k(θ)) = a cos θ + b sin θ + c is largest, that is,
+    at θ = atan2(b, a).
     """
     (choice,) = np.nonzero(lower < upper)
     angles = angles.copy()
@@ -224,7 +232,7 @@ def _descended(rotation: FloatArray, angles: FloatArray, lower: FloatArray, uppe
 
 
 def _turns(axis: int, angles: FloatArray) -> FloatArray:
-    """Return turns (S, 3, 3) by angles (S,) about the x, y or z axis."""
+    """Return the rotation matrices (S, 3, 3) by angles (S,) [rad] about the x, y or z axis."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     turns = np.zeros((len(angles), 3, 3))
     turns[:, axis, axis] = 1.0
@@ -235,7 +243,7 @@ def _turns(axis: int, angles: FloatArray) -> FloatArray:
 
 
 def _brought_within(angles: FloatArray, lower: Any, upper: Any) -> FloatArray:
-    """Return the angles in [lower, upper] that are nearest to others, going round the circle."""
+    """Return the angles in [lower, upper] that are nearest to `angles` modulo 2π [rad]."""
     middle = (lower + upper) / 2
     turned = middle + np.remainder(angles - middle + np.pi, 2 * np.pi) - np.pi
     return np.asarray(np.clip(turned, lower, upper))
