@@ -1,4 +1,4 @@
-"""One obstacle: a shape at a place in the world, with a danger weight."""
+"""The class `Obstacle`: a shape with a pose in the world and a danger weight."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from safe_ompl.geometry.surfaces import Triangles
 SHAPES: dict[str, type[Shape]] = {
     shape.kind: shape for shape in (Box, Sphere, Cylinder, Capsule, Mesh, PointCloud, Person)
 }
-# The most danger points of a scene. A setup of this many points takes seconds.
+# A scene has at most this many danger points. A setup with this many points takes seconds.
 MOST_DANGER_POINTS = 1_000_000
 _KEYS = ("name", *SHAPES, *POSE_KEYS, "weight", "color", "touched_by")
 
 
 @dataclass(frozen=True, init=False)
 class Obstacle:
-    """A body that the robot must not touch, and may have to keep away from.
+    """A body that the robot must not touch, with a weight for the danger of approaching it.
 
     Parameters
     ----------
     name : str
         Name, unique in its scene.
     shape : Shape
-        What it is: `Box`, `Sphere`, `Cylinder`, `Capsule`, `Mesh`, `PointCloud` or `Person`.
+        `Box`, `Sphere`, `Cylinder`, `Capsule`, `Mesh`, `PointCloud` or `Person`.
     pose : Pose, pin.SE3 or array_like of shape (4, 4), optional
-        Where it is; default: at the origin of the world.
+        Pose in the world; default: identity.
     weight : float, optional
-        How dangerous it is to approach, ≥ 0; 0: not at all. Default: 1 for people, 0 for everything else.
+        Danger weight, ≥ 0; 0 means not dangerous to approach. Default: 1 for people, 0 for all other shapes.
     color : str or sequence of 3 float, optional
-        For pictures: "#rrggbb", or red, green and blue from 0 to 1.
+        Colour in pictures: "#rrggbb", or red, green and blue from 0 to 1.
     touched_by : sequence of str, optional
-        Links, and objects that the robot holds, that may touch it: these pairs are not checked. See `Scene.touched`.
+        Links and held objects that may touch the obstacle: these pairs are not checked. See `Scene.touched`.
 
     Raises
     ------
@@ -89,13 +89,13 @@ class Obstacle:
             object.__setattr__(self, key, value)
 
     def moved(self, place: Any) -> Obstacle:
-        """Return the same obstacle elsewhere.
+        """Return the obstacle at another place. Raises InputError for a place that the shape does not accept.
 
         Parameters
         ----------
         place : Pose, pin.SE3, array_like of shape (4, 4), mapping or array_like of shape (N, 3)
-            Its pose; or, in the world frame [m], the key points of a `Person` by name, or the points of a
-            `PointCloud`. Key points that are not given follow from those that are, as `Person` has it. Else InputError.
+            The new pose; or, in the world frame [m], the key points of a `Person` by name, or the points of a
+            `PointCloud`. `Person` describes how missing key points are computed.
         """
         shape, pose = self.shape, self.pose
         rows = place if isinstance(place, (np.ndarray, list, tuple)) else ()
@@ -106,7 +106,7 @@ class Obstacle:
         return Obstacle(self.name, shape, pose, self.weight, self.color, self.touched_by)
 
     def same_but_for_place(self, other: Obstacle) -> bool:
-        """Return whether another obstacle is this one, here or elsewhere."""
+        """Return whether another obstacle equals this one up to its place."""
         mine, its = ((o.name, o.weight, o.color, o.touched_by) for o in (self, other))
         return mine == its and self.shape.same_body(other.shape)
 
@@ -120,7 +120,7 @@ class Obstacle:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path) -> Obstacle:
-        """Read an obstacle from a document; its files are relative to `folder`."""
+        """Read an obstacle from a mapping of a document. File names are relative to `folder`."""
         document.check_keys(data, _KEYS)
         kinds = [key for key in SHAPES if key in data]
         if len(kinds) != 1:
@@ -136,7 +136,7 @@ class Obstacle:
         return cls(document.require(data, "name"), shape, pose, *more)
 
     def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
-        """Return what `from_mapping` reads; files are named relative to `folder`, or in full if there is none."""
+        """Return the obstacle as a mapping for `from_mapping`. File names are relative to `folder`, else absolute."""
         data = {"name": self.name, self.shape.kind: self.shape.to_mapping(folder), **self.pose.to_mapping()}
         if self.weight != self.shape.default_weight:
             data["weight"] = self.weight
@@ -147,25 +147,25 @@ class Obstacle:
         return data
 
     def canonical(self) -> dict[str, Any]:
-        """Return what decides what the obstacle is, free of file names."""
+        """Return the data that define the obstacle, without file names, for hashes."""
         return {**self.to_mapping(), self.shape.kind: self.shape.canonical(), "weight": self.weight}
 
     def geometries(self) -> list[tuple[str, coal.CollisionGeometry, pin.SE3]]:
-        """Return name, geometry and world placement of every part, for collision."""
+        """Return name, collision geometry and world placement of each part."""
         named = [(f"{self.name}/{part.name}" if part.name else self.name, part) for part in self.shape.parts()]
         return [(name, part.geometry, self.pose.se3 * part.placement) for name, part in named]
 
     def triangles(self, resolution: int = 24) -> Triangles:
-        """Return the surface in the world frame for drawing, with `resolution` corners on every circle.
+        """Return the surface in the world frame for drawing, with `resolution` corners on each circle.
 
-        That is vertices (V, 3) [m], and faces (F, 3), the vertices of each triangle anticlockwise seen from outside.
+        Returns vertices (V, 3) [m] and faces (F, 3), whose vertices are anticlockwise as seen from outside.
         """
         vertices, faces = self.shape.triangles(resolution)
         return placed(self.pose.se3, vertices), faces
 
 
 def check_number(most: float, spacing: float, what: str) -> None:
-    """Raise InputError, which says what spacing would do, if `most` danger points exceed a million; none are made."""
+    """Raise InputError with a suitable spacing if `most`, the bound on the danger points, exceeds a million."""
     if most > MOST_DANGER_POINTS:
         enough = spacing * (most / MOST_DANGER_POINTS) ** 0.5
         raise InputError(

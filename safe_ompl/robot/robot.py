@@ -1,4 +1,4 @@
-"""The robot, and how it is built: from a URDF, an example, Pinocchio's models, or several robots."""
+"""The class `Robot`, built from a URDF, an example, Pinocchio models, or several robots."""
 
 from __future__ import annotations
 
@@ -26,38 +26,38 @@ from safe_ompl.robot.urdf import PackageDir
 
 
 class Robot(ForwardKinematics):
-    """A robot of revolute, prismatic and continuous joints; frozen once built.
+    """A robot of revolute, prismatic and continuous joints; it does not change after construction.
 
-    Build one with `Robot.from_urdf`, `Robot.from_example` or `Robot.from_models`. A configuration is an array `q: (n,)`
-    of joint values [rad or m], in the order of `joint_names`; continuous joints take angles and wrap at ±π.
+    Build a robot with `Robot.from_urdf`, `Robot.from_example` or `Robot.from_models`. A configuration is an array
+    `q: (n,)` of joint values [rad or m], in the order of `joint_names`; continuous joints have angles that wrap at ±π.
 
     Attributes
     ----------
     name : str
         Name for reports.
     joint_names : tuple of str
-        The n joints that are planned for; those that mimic them follow.
+        The n planned joints, without the joints that mimic them.
     lower, upper : ndarray, shape (n,)
         Joint limits [rad or m]; ±π for continuous joints.
     continuous, prismatic : ndarray of bool, shape (n,)
-        Which joints wrap, which slide.
+        Which joints are continuous, and which are prismatic.
     tip : str
         The frame at the end of the arm.
     segments : ndarray, shape (L, 2)
         Link segments of the skeleton as pairs of key points; `segment_names` has the frame at the distal end of each.
     coupling : Coupling
-        How the joints of Pinocchio's model follow the planned ones.
+        Linear map from the planned joints to the joints of Pinocchio's model.
     shared : RobotParts
-        Pinocchio's models themselves, not copied: for code that never changes them.
+        Pinocchio's models without a copy. Code that uses them must not change them.
     held_joints : dict of str to float
         Joints that are held, with their values [rad or m].
     links_without_collision : tuple of str
-        Moving links that have no collision shapes, but visual ones or mass, or that span some length between links
-        with shapes: nothing is proven of them.
+        Moving links without collision shapes that have visual shapes, mass, or length between links with shapes.
+        No proof covers these links.
     attached : tuple of Attachment
-        The objects that it holds.
+        The objects that the robot holds.
     accelerations : dict of str to float
-        Acceleration limits that are known, by joint [rad/s² or m/s²]; see `with_accelerations`.
+        Known acceleration limits, by joint [rad/s² or m/s²]; see `with_accelerations`.
     jerks : dict of str to float
         Jerk limits of `joint_limits`, by joint [rad/s³ or m/s³].
 
@@ -93,10 +93,10 @@ class Robot(ForwardKinematics):
         locked: Mapping[str, float] | None = None,
         **options: Any,
     ) -> Robot:
-        """Build a robot from its URDF; all arguments are those of `RobotSpec`.
+        """Build a robot from a URDF; the arguments are those of `RobotSpec`.
 
-        Raises InputError for a missing or malformed file, a missing mesh, an unknown joint or frame, and joints of a
-        kind that is not supported.
+        Raises InputError for a missing or malformed file, a missing mesh, an unknown joint or frame, or an unsupported
+        joint type.
         """
         folders: Any = tuple(package_dirs)
         files = Path(urdf), None if srdf is None else Path(srdf), folders
@@ -120,38 +120,40 @@ class Robot(ForwardKinematics):
         mimics: Mapping[str, Mimic] | None = None,
         **options: Any,
     ) -> Robot:
-        """Build a robot from models of Pinocchio's, which are copied.
+        """Build a robot from copies of Pinocchio models.
 
         Parameters
         ----------
         model : pin.Model
-            Joints, those that mimic others as joints of their own.
+            The joints. Mimic joints must be joints of the model.
         collision_model : pin.GeometryModel
-            Bodies; named after their links, link_0, link_1, … Its collision pairs are those that are checked; if it
-            has none, they are chosen as for a URDF without an SRDF.
+            The bodies, named after their links: link_0, link_1, … Only its collision pairs are checked. If it has no
+            pairs, they are chosen as for a URDF without an SRDF.
         visual_model : pin.GeometryModel, optional
-            What pictures show.
+            Geometry for pictures.
         mimics : mapping of str to Mimic, optional
-            Which joints follow which.
+            Mimic joints by name, with the joints that they follow.
         **options
-            `tip`, `locked`, `limits` and others of `RobotSpec` that are not about files.
+            `tip`, `locked`, `limits` and other options of `RobotSpec` that do not concern files.
 
         Raises
         ------
         InputError
-            If the models are not Pinocchio's, a body's shape is not supported (a plane, say), or as in `from_urdf`.
+            If the models are not Pinocchio's, the shape of a body is not supported (such as a plane), or as in
+            `from_urdf`.
         """
         return cls(RobotSpec(models=Models.copied(model, collision_model, visual_model, mimics or {}), **options))
 
     @classmethod
     def combined(cls, name: str, robots: Mapping[str, Robot], *, tip: str | None = None) -> Robot:
-        """Return several robots in one cell as one robot, each where its base is.
+        """Combine several robots in one cell into one robot. Each robot stands at its own base pose.
 
-        All bodies of one are checked against all bodies of the others, but for two that never move. Joints, links and
-        frames of each get its key as prefix: "left" makes "left_joint1". Goals are about the tip of the robot with the
-        key `tip`, by default of the first; the skeleton of the danger has all arms.
+        Each body of a robot is checked against all bodies of the other robots, except pairs of two fixed bodies. The
+        names of joints, links and frames get the key of their robot as prefix: "left" makes "left_joint1". Goals
+        concern the tip of the robot with the key `tip`, by default the first robot. The skeleton of the danger contains
+        all arms.
 
-        Raises InputError if there are fewer than two, names coincide, or there is no such key.
+        Raises InputError for fewer than two robots, equal names, or an unknown key `tip`.
         """
         for prefix, robot in robots.items():
             if not isinstance(robot, Robot):
@@ -166,9 +168,9 @@ class Robot(ForwardKinematics):
         return {joint: value for joint, value in values.items() if joint in self.joint_names}
 
     def configuration(self, value: ArrayLike | Mapping[str, float] | str, name: str = "configuration") -> FloatArray:
-        """Return `value` as a configuration (n,), which may also be the name of a state in the SRDF.
+        """Return `value` as a configuration (n,). A text is the name of a group state in the SRDF.
 
-        Values that such a state has for joints that are held are not used. Errors as of `ForwardKinematics` and
+        Values of a group state for held joints are ignored. Raises as `ForwardKinematics.configuration` and
         `RobotSpec.group_state`.
         """
         if isinstance(value, str):
@@ -178,7 +180,7 @@ class Robot(ForwardKinematics):
         return super().configuration(value, name)
 
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> Robot:
-        """Return the same robot with other limits [rad or m] for the joints named."""
+        """Return the robot with other position limits [rad or m] for the named joints."""
         return type(self)(self.spec.with_limits(limits))
 
     def with_attached(
@@ -192,7 +194,7 @@ class Robot(ForwardKinematics):
         danger: bool = False,
         touch_depth: float | None = None,
     ) -> Robot:
-        """Return the same robot with an object in its gripper: checked against the scene and against the robot.
+        """Return the robot with an object in its gripper, which is checked against the scene and the robot.
 
         Parameters
         ----------
@@ -201,38 +203,39 @@ class Robot(ForwardKinematics):
         shape : Shape
             Box, Sphere, Cylinder, Capsule or Mesh of `safe_ompl.geometry`.
         link, pose : optional
-            Link or frame that it is fixed to, by default the tip; and where it is in its frame, by default at its
-            origin.
+            The link or frame that the object is fixed to (default: the tip), and the pose of the object in this frame
+            (default: identity).
         touch_links : sequence of str
-            Links that it may touch, such as moving fingers. Those that do not move against `link` it always may.
+            Links that may touch the object, such as moving fingers. Links that do not move relative to `link` always
+            may.
         danger : bool
             Make the object a link of the skeleton, so that it is dangerous like the arm.
         touch_depth : float, optional
-            How deep `touch_links` may be in it, at most [m]: what is deeper in the object is checked against them.
-            Default: to any depth. It needs a box, sphere, cylinder or capsule.
+            Depth to which `touch_links` may reach into the object [m]; the part of the object deeper than this is
+            checked against them. Default: any depth. It needs a box, sphere, cylinder or capsule.
 
         Raises
         ------
         InputError
-            If the shape is another, the link does not exist, or its name is taken.
+            If the shape is not supported, the link does not exist, or the name is taken.
         """
         where = self.tip if link is None else link
         place = Pose() if pose is None else Pose.of(pose)
         return self.holding(Attachment(name, shape, where, place, tuple(touch_links), danger, touch_depth))
 
     def holding(self, item: Attachment) -> Robot:
-        """Return the same robot with an object in its gripper; errors as `with_attached`."""
+        """Return the robot with an attached object. Raises as `with_attached`."""
         found = type(self)(replace(self.spec, attached=(*self.spec.attached, item)), self.shared.holding(item))
         found.bare = self.bare
         return found
 
     @cached_property
     def bare(self) -> Robot:
-        """The robot without what is attached to it; its files are read again if it was built with that."""
+        """The robot without attached objects. Its files are read again if it was built with attached objects."""
         return type(self)(replace(self.spec, attached=())) if self.spec.attached else self
 
     def hand_links(self, link: str) -> tuple[str, ...]:
-        """Return the links of the hand that `link` belongs to: those that joints beyond it move, such as fingers."""
+        """Return the links that joints distal of `link` move, such as the fingers of a hand."""
         model = self.shared.model
         carrier = model.frames[frame_index(model, link)].parentJoint
         beyond = set(model.subtrees[carrier]) - {carrier} if carrier else set()
@@ -240,18 +243,18 @@ class Robot(ForwardKinematics):
         return tuple(dict.fromkeys(name for name, body in bodies if body.parentJoint in beyond))
 
     def with_accelerations(self, limits: Mapping[str, float]) -> Robot:
-        """Return the same robot that knows acceleration limits of its joints [rad/s² or m/s²]; URDFs have none.
+        """Return the robot with acceleration limits [rad/s² or m/s²] for the named joints; a URDF has none.
 
-        Of joints that are not named what was known before stays. Raises InputError if a limit is absurd,
-        UnknownNameError if it plans with no joint of such a name.
+        Other joints keep their limits. Raises InputError if a limit is out of range, UnknownNameError for a joint that
+        the robot does not have.
         """
         spec = replace(self.spec, accelerations={**self.spec.accelerations, **limits})
         return type(self)(spec, self.shared)
 
     def with_locked(self, values: Mapping[str, float], tip: str | None = None) -> Robot:
-        """Return the robot with joints locked at values [rad or m], which is not written to documents as such.
+        """Return the robot with joints locked at values [rad or m]. Documents do not store these locks.
 
-        In a cell the tip may be another robot's, named by its prefix. Raises UnknownNameError for an unknown joint or
+        In a cell, `tip` is the prefix of the robot whose tip is used. Raises UnknownNameError for an unknown joint or
         prefix, InputError for a value outside the limits.
         """
         parts = self.shared.locking(values)
@@ -264,23 +267,23 @@ class Robot(ForwardKinematics):
 
     @cached_property
     def bounds(self) -> DisplacementBounds:
-        """Bounds of how far bodies and key points move when joints do."""
+        """Motion bounds: how far bodies and key points move at most for a joint motion."""
         return DisplacementBounds(self)
 
     @cached_property
     def model(self) -> pin.Model:
-        """A copy of Pinocchio's model of the joints that move, mimics included; changes do not reach the robot."""
+        """A copy of Pinocchio's model of the moving joints, mimic joints included. Changes do not affect the robot."""
         return self.shared.model.copy()
 
-    # Pinocchio's GeometryData crashes if its model is gone, so this is always the same one.
+    # Pinocchio's GeometryData crashes if its model is deleted, so this property always returns the same object.
     @cached_property
     def collision_model(self) -> pin.GeometryModel:
-        """A copy of the bodies of the links, with the pairs that are checked; changes do not reach the robot."""
+        """A copy of the bodies of the links, with the checked pairs. Changes do not affect the robot."""
         return independent(self.shared.collision_model)
 
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
-        """A copy of the visual geometry; of the collision bodies where the visual meshes are missing."""
+        """A copy of the visual geometry, or of the collision bodies if the visual meshes are missing."""
         return self.shared.read_visual() or independent(self.shared.collision_model)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -293,12 +296,12 @@ class Robot(ForwardKinematics):
         return f"Robot({self.name!r}, joints={list(self.joint_names)}, tip={self.tip!r}{unchecked}{held})"
 
 
-# Numbers are rounded to nanometres and nanoradians, so that the last bits, which differ between machines, do not count.
+# Numbers are rounded to nanometres and nanoradians, because their last bits differ between machines.
 _DIGITS = 9
 
 
 def robot_hash(robot: Robot) -> str:
-    """Return the SHA-256 of joints, limits, placements, bodies, checked pairs and skeleton; file names do not count."""
+    """Return the SHA-256 of joints, limits, placements, bodies, checked pairs and skeleton, without file names."""
     chain, geometry = robot.shared.chain, robot.shared.collision_model
     content = {
         "joints": list(robot.joint_names),

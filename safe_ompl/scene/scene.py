@@ -1,4 +1,4 @@
-"""The world around the robot: obstacles, and the points that are dangerous to approach."""
+"""Scenes: the obstacles around the robot, and the points on them that are dangerous to approach."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError,
 from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Shape, Sphere, check_number, placed
 from safe_ompl.scene.scene_text import read_scene_text
 
-# `Scene.touched` names the core of an obstacle, which links must not touch, with this ending.
+# `Scene.touched` adds the core of an obstacle as an obstacle of its own, whose name has this ending.
 CORE = " mm deep"
 _SPACING = 0.1  # [m]
 _MBM_KINDS = ("box", "cylinder", "sphere", "capsule")
 
 
 def _obstacles(key: str, given: Any) -> tuple[Obstacle, ...]:
-    """Return obstacles, each given as one or as a document has it."""
+    """Read a list of obstacles, each an `Obstacle` or a mapping from a document."""
     if given is not None and (isinstance(given, (Obstacle, str, Mapping)) or not isinstance(given, Iterable)):
         raise InputError(f"must be a list of Obstacle, got {shown(given)}; no obstacles: Scene()", key)
     return tuple(_obstacle(f"{key}[{k}]", item) for k, item in enumerate(given or ()))
@@ -41,12 +41,12 @@ def _obstacle(key: str, given: Any) -> Obstacle:
 
 @dataclass(frozen=True)
 class Scene(document.Section):
-    """Obstacles in the world frame, that is, in the frame of the robot's base.
+    """A scene: obstacles in the world frame, which is the frame of the robot's base.
 
     Parameters
     ----------
     obstacles : sequence of Obstacle, optional
-        The obstacles; their names differ. There may be none.
+        The obstacles, with different names.
     spacing : float, optional
         Distance between danger points [m].
 
@@ -67,13 +67,13 @@ class Scene(document.Section):
     obstacles: tuple[Obstacle, ...] = document.key(_obstacles, default=())
     spacing: float = document.key(document.number, default=_SPACING, above=0.0)
 
-    # Type checkers see what callers may give; checks turn it into the types of the fields.
+    # Type checkers see the types of the arguments. The fields hold what the arguments are converted to.
     if TYPE_CHECKING:
 
         def __init__(self, obstacles: Iterable[Obstacle | Mapping[str, Any]] = ..., spacing: float = ...) -> None: ...
 
     def check(self) -> None:
-        """Raise InputError if two obstacles have one name."""
+        """Raise InputError if two obstacles have the same name."""
         seen: dict[str, int] = {}
         for k, obstacle in enumerate(self.obstacles):
             if obstacle.name in seen:
@@ -87,9 +87,10 @@ class Scene(document.Section):
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path | None = None) -> Scene:
-        """Read ``obstacles`` and ``spacing``; and ``moveit``, the name of a `.scene` file, whose objects come first.
+        """Read a scene from the keys ``obstacles``, ``spacing``, ``moveit`` and ``meshes``.
 
-        Meshes and cones of that file are written to the folder ``meshes``, see `read_scene_text`.
+        ``moveit`` names a `.scene` file of MoveIt, whose objects precede the other obstacles. Its meshes and cones are
+        written to the folder ``meshes``, see `read_scene_text`.
         """
         document.check_keys(data, (*(item.name for item in document.keys_of(cls)), "moveit", "meshes"))
         given = {name: value for name, value in data.items() if name not in ("moveit", "meshes")}
@@ -106,9 +107,10 @@ class Scene(document.Section):
 
     @classmethod
     def from_file(cls, path: str | Path) -> Scene:
-        """Read a scene from a YAML file; mesh and point files are relative to it. Or a `.scene` file without meshes.
+        """Read a scene from a YAML file, or from a `.scene` file of MoveIt without meshes.
 
-        Raises InputError, which names file, line, key and value, if it cannot be read or is not a valid scene.
+        Mesh and point files are relative to the YAML file. Raises InputError with file, line, key and value if the file
+        cannot be read or is not a valid scene.
         """
         file = Path(path)
         if file.suffix.lower() == ".scene":
@@ -124,22 +126,21 @@ class Scene(document.Section):
     def to_yaml(self, folder: str | Path | None = None) -> str:
         """Return the scene as YAML that `from_yaml` reads back exactly.
 
-        Mesh and point files are named relative to `folder`, or in full if there is none.
+        Mesh and point files are named relative to `folder`, or by absolute paths if `folder` is None.
         """
         return files.dump_document(self.to_mapping(None if folder is None else Path(folder)))
 
     def save(self, path: str | Path) -> None:
-        """Write the scene to a YAML file; mesh and point files are named relative to it."""
+        """Write the scene to a YAML file. Mesh and point files are named relative to this file."""
         files.write(path, self.to_yaml(Path(path).parent))
 
     @classmethod
     def from_mbm(cls, problem: Mapping[str, Any], spacing: float = _SPACING) -> Scene:
-        """Return the scene of a MotionBenchMaker problem: every obstacle is dangerous, with weight 1.
+        """Return the scene of a MotionBenchMaker problem. All obstacles get the danger weight 1.
 
-        The problem has lists of obstacles under ``box`` (name, half_extents), ``cylinder`` (name, radius, length),
-        ``sphere`` (name, radius) and, which is ours, ``capsule`` (as ``cylinder``), each with position [m] and
-        orientation_quat_xyzw. Obstacles without a name are named after their kind; where names repeat, later ones get
-        a number.
+        The problem has lists of obstacles under ``box`` (name, half_extents), ``cylinder`` (name, radius, length) and
+        ``sphere`` (name, radius), each with position [m] and orientation_quat_xyzw; safe_ompl adds ``capsule`` (as
+        ``cylinder``). An obstacle without a name is named after its kind. A repeated name gets a number.
         """
         obstacles: dict[str, Obstacle] = {}
         for kind, value in problem.items():
@@ -156,7 +157,7 @@ class Scene(document.Section):
         return cls(tuple(obstacles.values()), spacing)
 
     def content_hash(self) -> str:
-        """Return the SHA-256 of what the scene holds, mesh and point data included, file names not."""
+        """Return the SHA-256 of the scene, with mesh and point data and without file names."""
         content = {"spacing": self.spacing, "obstacles": [obstacle.canonical() for obstacle in self.obstacles]}
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -175,20 +176,21 @@ class Scene(document.Section):
         return iter(self.obstacles)
 
     def with_obstacles(self, *obstacles: Obstacle) -> Scene:
-        """Return a scene with more obstacles."""
+        """Return the scene with the given obstacles added."""
         return Scene(self.obstacles + obstacles, self.spacing)
 
     def without(self, *names: str) -> Scene:
-        """Return a scene without the obstacles of these names; unknown ones raise UnknownNameError."""
+        """Return the scene without the named obstacles. Raises UnknownNameError for an unknown name."""
         gone = {self[name].name for name in names}
         return Scene(tuple(obstacle for obstacle in self.obstacles if obstacle.name not in gone), self.spacing)
 
     def touched(self, pairs: Iterable[tuple[str, str]], depth: float) -> Scene:
-        """Return a scene in which links may touch obstacles, but reach no deeper than `depth` [m] into them.
+        """Return the scene with contacts allowed: links may reach into obstacles up to `depth` [m].
 
-        The pairs are of a link, or an object that the robot holds, and an obstacle. What is deeper within an obstacle
-        is one of its own then, which they must not touch either, called such as "table, 1 mm deep". Raises InputError
-        if it is no box, sphere, cylinder or capsule, or has nothing so deep; UnknownNameError if there is none.
+        Each pair is the name of a link, or of an object that the robot holds, and the name of an obstacle. The part of
+        the obstacle deeper than `depth` is added as an obstacle that no link may touch, with a name such as
+        "table, 1 mm deep". Raises InputError if the obstacle is no box, sphere, cylinder or capsule, or is nowhere
+        deeper than `depth`; UnknownNameError for an unknown obstacle.
         """
         links: dict[str, list[str]] = {}
         for link, name in pairs:
@@ -204,9 +206,9 @@ class Scene(document.Section):
         return Scene(tuple(found), self.spacing)
 
     def untouched(self) -> tuple[Scene, dict[str, tuple[tuple[str, ...], float]]]:
-        """Return the scene before `touched`, and by name of the obstacle which links may touch it, and how deep [m].
+        """Undo `touched`: return the scene before it, and by obstacle the links that may touch it and the depth [m].
 
-        Obstacles that links may touch to any depth stay as they are.
+        Obstacles that links may touch to any depth stay unchanged.
         """
         contacts, cores, found = dict[str, tuple[tuple[str, ...], float]](), set[str](), []
         for obstacle in self.obstacles:
@@ -221,18 +223,18 @@ class Scene(document.Section):
         return Scene(tuple(o for o in found if o.name not in cores), self.spacing), contacts
 
     def moved(self, places: Mapping[str, Any]) -> Scene:
-        """Return a scene in which some obstacles are elsewhere; it shares all else with this one.
+        """Return the scene with some obstacles moved. The other obstacles are shared with this scene.
 
         Parameters
         ----------
         places : mapping of str to Pose, pin.SE3, array_like or mapping
-            Where obstacles are now, by name: a pose; or, in the world frame [m], the key points of a person (a mapping
+            New places of obstacles, by name: a pose; or, in the world frame [m], the key points of a person (a mapping
             of names to 3 numbers), or the points of a cloud (an array (N, 3)). See `Obstacle.moved`.
 
         Raises
         ------
         InputError
-            If there is no obstacle of a name, or a place cannot be used; the message starts with the name.
+            If an obstacle does not exist, or a place cannot be used; the message starts with the name.
         """
         for name in document.mapping("places", places):
             # Raises UnknownNameError if there is no such obstacle.
@@ -246,11 +248,11 @@ class Scene(document.Section):
         return Scene(tuple(obstacles), self.spacing)
 
     def danger_points(self, spacing: float | None = None) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Return the points that are dangerous to approach: those of all obstacles with weight above 0.
+        """Sample the surfaces of all obstacles with danger weight above 0.
 
-        Those are points (M, 3) on the surfaces, in the world frame [m], `spacing` apart [m], by default the scene's
-        own; the danger weight of each (M,); and the index of its obstacle in `obstacles` (M,). Raises InputError if the
-        spacing is not positive, or there would be more than a million points; none are made then.
+        Returns the danger points (M, 3) in the world frame [m], `spacing` [m] apart (default: the spacing of the
+        scene), their danger weights (M,), and the indices (M,) of their obstacles in `obstacles`. Raises InputError if
+        the spacing is not positive or needs more than a million points, before any point is made.
         """
         step = document.number("spacing", self.spacing if spacing is None else spacing, above=0.0)
         dangerous = [k for k, obstacle in enumerate(self.obstacles) if obstacle.weight > 0]
