@@ -1,4 +1,4 @@
-"""Errors, which carry the offending value and say what would be right; warnings that are logged once a process."""
+"""Exception classes, parts of their messages, and warnings that are logged once per process."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ _SHOWN = 200
 
 
 def cut(text: str) -> str:
-    """Return text on one line, cut where it is long: no message quotes a whole file."""
+    """Return `text` on one line, cut after 200 characters, so that no message quotes a whole file."""
     line = re.sub(r"\s*\n\s*", " ", text)
     return line if len(line) <= _SHOWN else f"{line[:_SHOWN]}…"
 
 
 def shown(value: Any) -> str:
-    """Return how a value reads in a message: its `repr` on one line, cut where it is long."""
+    """Return the `repr` of a value for a message, on one line, cut after 200 characters."""
     return cut(repr(value))
 
 
 def listed(names: Iterable[object]) -> str:
-    """Return names with commas between them, cut where they are long."""
+    """Return names separated by commas, cut after 200 characters."""
     return cut(", ".join(map(str, names)))
 
 
 def told_apart(value: float, *others: float) -> tuple[str, ...]:
-    """Return numbers for a message, the first with as many digits as tell it from the others."""
+    """Format numbers for a message with as many digits as distinguish the first number from the others."""
     for digits in range(6, 18):
         digits_of = tuple(f"{number:.{digits}g}" for number in (value, *others))
         if digits_of[0] not in digits_of[1:]:
@@ -53,8 +53,8 @@ class SafeOmplError(Exception):
 class InputError(SafeOmplError, ValueError):
     """A value given by the user cannot be used.
 
-    The message says what is wrong, with the offending value, and what would be right; `source` is the file (and key)
-    that it came from, put before the message.
+    The message names the wrong value and says what would be right. `source`, the file or key of the value, is put
+    before the message.
 
     Examples
     --------
@@ -68,7 +68,9 @@ class InputError(SafeOmplError, ValueError):
 
 
 class UnknownNameError(InputError):
-    """A `name` of a `kind` ("joint") that does not exist, with the `known` ones; `source` as for `InputError`.
+    """No object of this `kind` ("joint") has this `name`; the message lists the `known` names.
+
+    `source` is as in `InputError`.
 
     Examples
     --------
@@ -98,7 +100,9 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
 
 
 class CollisionError(InputError):
-    """A start or goal configuration touches something, is nearer or more dangerous than allowed; says to what.
+    """A start or goal configuration is in collision, or its clearance or danger exceeds a limit.
+
+    The message names the links and obstacles.
 
     Examples
     --------
@@ -111,7 +115,7 @@ class CollisionError(InputError):
 
 
 class StaleSceneError(SafeOmplError):
-    """An object refers to an earlier placement of obstacles, and cannot follow them; says what to make anew.
+    """An object was made for earlier poses of obstacles and cannot be updated. The message says what to create again.
 
     Examples
     --------
@@ -127,7 +131,7 @@ class StaleSceneError(SafeOmplError):
 
 
 class PlanningError(SafeOmplError):
-    """A planner violated its contract: it returned, for example, a path that the validator refuses.
+    """A planner violated its contract, for example by returning a path that the validator refuses.
 
     Examples
     --------
@@ -140,7 +144,7 @@ class PlanningError(SafeOmplError):
 
 
 class CertificateError(SafeOmplError):
-    """A certificate that does not hold; says where and why.
+    """A certificate does not hold; the message says where and why.
 
     Examples
     --------
@@ -154,12 +158,12 @@ class CertificateError(SafeOmplError):
 
 @cache
 def warn_once(log: logging.Logger, message: str) -> None:
-    """Log a warning, unless `log` has said the same before; `warn_once.cache_clear()` forgets what was said."""
+    """Log a warning, unless `log` has logged the same message before; `warn_once.cache_clear()` resets this."""
     log.warning("%s", message, extra={"once": True})
 
 
 def pass_on(record: logging.LogRecord) -> None:
-    """Log what another process has logged; a warning that is logged once may come from several processes."""
+    """Log a record of another process. A warning of `warn_once` is logged once for all processes."""
     log = logging.getLogger(record.name)
     if getattr(record, "once", False):
         warn_once(log, record.getMessage())

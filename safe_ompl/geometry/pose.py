@@ -1,4 +1,4 @@
-"""Poses: position and orientation in the world."""
+"""Poses, rotation vectors and rotations between directions."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from safe_ompl.common import FloatArray, InputError, documents as document, fini
 
 _log = logging.getLogger(__name__)
 
-# The largest size, or distance from the origin. A larger number is most likely in another unit.
+# Sizes and distances from the origin are at most this. A larger number is most likely in another unit.
 LONGEST = 1e4  # [m]
-# A place farther from the origin of a robot's world was most likely given in millimetres, which a warning says.
+# A position farther from the origin was most likely given in millimetres, and causes a warning.
 UNLIKELY = 100.0  # [m]
-# A larger angle was most likely given in degrees, which a warning says.
+# A larger angle was most likely given in degrees, and causes a warning.
 _FULL_TURN = 6.3  # [rad]
-# A quaternion whose norm is this close to 1 is left as it is.
+# A quaternion whose norm is this close to 1 is not changed.
 _UNIT_ROUNDING = 1e-12
-# A quaternion whose norm is this close to 1 is brought to unit length; any other is refused as a mistake.
+# A quaternion whose norm is this close to 1 is normalised; any other is refused as a mistake.
 _NORM_TOLERANCE = 1e-3
 _NO_TURN = (0.0, 0.0, 0.0, 1.0)
 _TURNS = ("quaternion_xyzw", "rpy", "yaw")
 POSE_KEYS = ("position", *_TURNS)
-"""Keys of a pose in a document, with at most one of the orientations."""
+"""Keys of a pose in a document; at most one of the orientations may be given."""
 
-# Rotations whose cosine is below this take their logarithm from `pin.log3`: the sine alone would lose digits there.
+# If the cosine of an angle is below this, the logarithm is taken from `pin.log3`: the sine alone would lose digits.
 _NEAR_HALF_TURN = -0.9
-# Angles this near to π count as half turns, which are as short one way as the other.
+# Angles this near to π count as half turns, which have two opposite rotation vectors of the same length.
 _HALF_TURN = 1e-10  # [rad]
-# At least one component of every unit vector is larger.
+# At least one component of every unit vector is larger than this.
 _DISTINCT = 0.1
 
 
@@ -46,14 +46,14 @@ class Pose:
     ----------
     position : sequence of 3 float, optional
         Origin in the world frame [m].
-    quaternion_xyzw : sequence of 4 float, optional
-        Orientation, the scalar last; a `pin.Quaternion` will do. Brought to unit length if its norm
-        is within 0.001 of 1.
+    quaternion_xyzw : sequence of 4 float or pin.Quaternion, optional
+        Orientation, the scalar last. It is normalised if its norm is within 0.001 of 1.
 
     Raises
     ------
     InputError
-        If a number is not finite, a position farther than 10 000 m away, or the quaternion is not of unit length.
+        If a number is not finite, the position is farther than 10 000 m away, or the quaternion is not a unit
+        quaternion.
 
     Examples
     --------
@@ -88,9 +88,9 @@ class Pose:
 
     @classmethod
     def of(cls, value: PoseLike, key: str = "pose") -> Pose:
-        """Return a pose given as one, as a `pin.SE3`, a matrix (4, 4), a position (3,) [m], or a document's mapping.
+        """Convert `value` to a pose: a `Pose`, `pin.SE3`, matrix (4, 4), position (3,) [m] or mapping of a document.
 
-        Raises InputError if it is none of them, or the matrix is no rigid transform.
+        Raises InputError if `value` has another type, or the matrix is not a rigid transform.
         """
         if isinstance(value, Pose):
             return value
@@ -117,7 +117,7 @@ class Pose:
 
     @classmethod
     def from_rpy(cls, position: Sequence[float], rpy: Sequence[float]) -> Pose:
-        """Return the pose turned by roll, pitch and yaw [rad] about the world's x, y and z, in this order."""
+        """Return the pose at `position` [m], rotated by roll, pitch and yaw [rad] about fixed x, y and z, in turn."""
         return cls(tuple(position), _turned(_angles("rpy", document.numbers("rpy", rpy, 3))))
 
     @classmethod
@@ -135,7 +135,7 @@ class Pose:
         return cls(position, data.get("quaternion_xyzw", _NO_TURN))
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return what `from_mapping` reads, without a turn that is none."""
+        """Return the pose as a mapping for `from_mapping`. The identity rotation is left out."""
         data = {"position": self.position}
         if self.quaternion_xyzw != _NO_TURN:
             data["quaternion_xyzw"] = self.quaternion_xyzw
@@ -143,7 +143,7 @@ class Pose:
 
     @property
     def se3(self) -> pin.SE3:
-        """The pose as Pinocchio's rigid transform."""
+        """The pose as a `pin.SE3`."""
         return pin.XYZQUATToSE3(np.array(self.position + self.quaternion_xyzw))
 
 
@@ -151,7 +151,7 @@ PoseLike: TypeAlias = Pose | pin.SE3 | Mapping[str, Any] | ArrayLike
 
 
 def placed(transform: pin.SE3, points: FloatArray) -> FloatArray:
-    """Return `points`, shape (M, 3), moved by a rigid transform."""
+    """Apply a rigid transform to `points`, shape (M, 3)."""
     return np.asarray(points @ transform.rotation.T + transform.translation)
 
 
@@ -175,21 +175,21 @@ def rotation_vectors(matrices: FloatArray) -> FloatArray:
 
 
 def turn_between(start: FloatArray, end: FloatArray) -> FloatArray:
-    """Return the rotation vector (3,), in world axes, of the shortest turn between two orientations (3, 3) [rad].
+    """Return the rotation vector (3,) [rad], in world axes, from one orientation (3, 3) to another.
 
-    Of a half turn, which is as short about the opposite axis, the one that `rotation_vectors` chooses.
+    `rotation_vectors` says which of the two rotation vectors of a half turn is returned.
     """
     return np.asarray(rotation_vectors((end @ start.T)[None])[0])
 
 
 def turn_onto(start: ArrayLike, end: ArrayLike) -> FloatArray:
-    """Return the rotation matrix (3, 3) of the shortest turn from one direction (3,) to another; not of length 0."""
+    """Return the smallest rotation (3, 3) that maps one direction (3,) to another; both must have length > 0."""
     given = np.array([start, end], dtype=np.float64)
     a, b = given / np.linalg.norm(given, axis=1, keepdims=True)
     if a @ b > _NEAR_HALF_TURN:
         return np.asarray(pin.Quaternion.FromTwoVectors(*given).matrix())
-    # Pinocchio's function loses half of the digits near opposite directions. A half turn about an axis across both
-    # reverses the first one, and what remains is a small turn about the same axis.
+    # Pinocchio's function loses half of the digits near opposite directions. So a half turn about an axis
+    # perpendicular to both first reverses `a`. The remaining rotation is small.
     across = np.linalg.svd([a, b])[2][2]
     half_turn = 2 * np.outer(across, across) - np.eye(3)
     return np.asarray(pin.Quaternion.FromTwoVectors(-a, b).matrix() @ half_turn)
@@ -200,7 +200,7 @@ def _turned(rpy: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _angles(key: str, angles: tuple[float, ...]) -> tuple[float, ...]:
-    """Return angles [rad]; warn where one seems to be in degrees."""
+    """Return the angles [rad], and warn if one seems to be in degrees."""
     largest = max(angles, key=abs)
     if abs(largest) > _FULL_TURN:
         warn_once(

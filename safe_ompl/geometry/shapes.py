@@ -1,6 +1,6 @@
-"""Shapes of obstacles: what they are for collision, for danger, and for pictures.
+"""Shapes of obstacles, with their collision geometry, danger points and triangles for pictures.
 
-Lengths are in metres. A shape is described in a frame of its own; the obstacle places it in the world.
+Lengths are in metres. A shape has its own frame; the pose of the obstacle places this frame in the world.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ from safe_ompl.geometry.surfaces import Triangles
 
 _log = logging.getLogger(__name__)
 
-# A thinner mesh has no volume, and coal's broad-phase managers would drop it without a word.
+# A thinner mesh has no volume. The broad-phase managers of coal would drop it without an error.
 _FLAT = 1e-6  # [m]
 
 
 def _settle_boxes() -> None:
-    """Ask coal for the distance of a box, once and before anything else does.
+    """Query coal for the distance of a box once, before any other query.
 
-    Boxes are larger by a share of 1e-10 for the rest of the process if the first direction in which coal looks at one
-    has a zero in it. Without this, distances would depend on what was asked first, and so would planned paths.
+    If the first support direction that coal computes for a box has a zero component, all boxes of the process are
+    larger by a factor of 1 + 1e-10. Without this query, distances and planned paths would depend on the first query.
     """
     askew = coal.Transform3s(pin.rpy.rpyToMatrix(0.5, 0.6, 0.7), np.array([3.0, 1.0, 2.0]))
     rod, question = (coal.Capsule(0.1, 0.2), coal.Transform3s.Identity()), coal.DistanceRequest()
@@ -58,9 +58,9 @@ _settle_boxes()
 
 
 class Part(NamedTuple):
-    """One piece of a shape: its name, empty if it is the only one; a convex solid or a triangle mesh; its placement.
+    """A part of a shape: name (empty if it is the only part), convex solid or triangle mesh, and placement.
 
-    Or a tree of coal's, and the cells in it.
+    The geometry may also be a tree of coal with its `cells`.
     """
 
     name: str
@@ -71,7 +71,7 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class Shape(Section, ABC):
-    """What all shapes can do; the fields of a shape are its keys in YAML."""
+    """Base class of all shapes; the fields of a shape are its keys in YAML."""
 
     kind: ClassVar[str]
     # The danger weight of an obstacle whose weight is not given.
@@ -79,14 +79,14 @@ class Shape(Section, ABC):
 
     @abstractmethod
     def parts(self) -> list[Part]:
-        """Return the collision geometry; at least one part, solid unless the class says otherwise."""
+        """Return the collision geometry as at least one part. Parts are solid unless the class says otherwise."""
 
     @abstractmethod
     def danger_points(self, spacing: float) -> FloatArray:
-        """Return points on the surface, shape (M, 3); all of the surface is within `spacing` of them [m]."""
+        """Return points (M, 3) on the surface. Each point of the surface is within `spacing` [m] of one of them."""
 
     def kept_danger_points(self, spacing: float) -> FloatArray:
-        """Return `danger_points`, read-only; asked for the same spacing again, the same ones."""
+        """Return `danger_points` as a read-only array, which is cached for the last spacing."""
         known: tuple[float, FloatArray] | None = vars(self).get("_points")
         if known is None or known[0] != spacing:
             known = spacing, self.danger_points(spacing)
@@ -96,43 +96,43 @@ class Shape(Section, ABC):
 
     @abstractmethod
     def most_danger_points(self, spacing: float) -> float:
-        """Return how many `danger_points` there are at most, without making them."""
+        """Return an upper bound on the number of `danger_points` without computing them."""
 
     @abstractmethod
     def triangles(self, resolution: int) -> Triangles:
-        """Return the surface for drawing, with `resolution` corners on every circle."""
+        """Return the surface for drawing, with `resolution` corners on each circle."""
 
     def core(self, depth: float) -> Shape:
-        """Return what is deeper than `depth` [m] under its surface, or InputError if that is not known, or nothing."""
+        """Return the part of the shape deeper than `depth` [m]. Raises InputError if it is empty or not supported."""
         raise InputError(
             f"must be a box, sphere, cylinder or capsule to be touched, got a {self.kind}: give it as several of these",
             "shape",
         )
 
     def measured_anew(self, measured: Any, pose: Pose) -> Shape:
-        """Return the same shape as it was measured later, such as a person with other key points, in the world frame.
+        """Return the shape after a new measurement in the world frame, such as new key points of a person.
 
-        `pose` is where the frame of the shape is. Raises InputError if a shape of this kind never changes, or the
+        `pose` is the pose of the shape's frame. Raises InputError if shapes of this kind never change, or if the
         measurement cannot be used.
         """
         raise InputError(f"must be a Pose, a pin.SE3 or a 4×4 matrix, got {shown(measured)}", "pose")
 
     def same_body(self, other: Shape) -> bool:
-        """Return whether another shape is this one, or this one as it was measured at another time."""
+        """Return whether `other` equals this shape up to its measurement."""
         return self == other
 
     def canonical(self) -> dict[str, Any]:
-        """Return what decides how the shape collides and looks, free of file names."""
+        """Return the data that define the shape, without file names, for hashes."""
         return self.to_mapping()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave behind what is kept and can be made again, such as coal's trees, which do not pickle."""
+        """Return the state without cached values. Trees of coal, for example, cannot be pickled."""
         return {key: value for key, value in vars(self).items() if not key.startswith("_")}
 
 
 @dataclass(frozen=True)
 class Box(Shape):
-    """A box, centred at its origin.
+    """A box, centred at the origin of its frame.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ class Box(Shape):
 
 @dataclass(frozen=True)
 class _Revolved(Shape):
-    """A solid of revolution about its z axis, centred at its origin."""
+    """A solid of revolution about the z axis, centred at the origin of its frame."""
 
     radius: float = key(document.number, above=0.0, at_most=LONGEST)
 
@@ -181,10 +181,10 @@ class _Revolved(Shape):
 
     @abstractmethod
     def profile(self, arc_step: float, line_step: float) -> FloatArray:
-        """Return the rings of the surface: distance from the axis and height, shape (K, 2) [m]."""
+        """Return radius and height (K, 2) [m] of the rings of the surface."""
 
     def most_danger_points(self, spacing: float) -> float:
-        # The length along the surface from pole to pole, or more.
+        # This is an upper bound on the length along the surface from pole to pole.
         along = np.pi * self.radius + getattr(self, "length", 0.0)
         return (along / spacing + 4) * (2 * np.pi * self.radius / spacing + 1)
 
@@ -198,7 +198,7 @@ class _Revolved(Shape):
 
 @dataclass(frozen=True)
 class Sphere(_Revolved):
-    """A sphere about its origin.
+    """A sphere, centred at the origin of its frame.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ class Sphere(_Revolved):
 
 @dataclass(frozen=True)
 class Cylinder(_Revolved):
-    """A cylinder along z, centred at its origin.
+    """A cylinder along z, centred at the origin of its frame.
 
     Parameters
     ----------
@@ -252,14 +252,14 @@ class Cylinder(_Revolved):
 
 @dataclass(frozen=True)
 class Capsule(_Revolved):
-    """A capsule along z, centred at its origin: a cylinder with a half ball on each end.
+    """A capsule along z, centred at the origin of its frame: a cylinder with a hemisphere on each end.
 
     Parameters
     ----------
     radius : float
         Radius [m].
     length : float
-        Length of the cylinder alone, that is, between the centres of the half balls [m].
+        Length of the cylinder, that is, the distance between the centres of the hemispheres [m].
 
     Examples
     --------
@@ -284,12 +284,11 @@ class Mesh(Shape):
     Parameters
     ----------
     file : path-like
-        An STL, OBJ, DAE or PLY file. The unit and the upward axis of a DAE are obeyed: its upward axis is z here.
+        An STL, OBJ, DAE or PLY file. The unit and the upward axis of a DAE file are used: its upward axis becomes z.
     scale : sequence of 3 float, optional
-        Factors along x, y and z that turn the units of other files into metres.
+        Factors along x, y and z that convert the units of other files to metres.
     convex : bool, optional
-        True: the solid convex hull. False: the triangles themselves, which are hollow: a link that is wholly
-        inside does not collide.
+        True: the solid convex hull. False: the triangles, which are hollow: a link wholly inside does not collide.
 
     Examples
     --------
@@ -309,12 +308,12 @@ class Mesh(Shape):
         def __init__(self, file: str | Path, scale: ArrayLike = ..., convex: bool = ...) -> None: ...
 
     def check(self) -> None:
-        """Raise InputError if the file is no mesh with a volume."""
+        """Raise InputError if the file is not a mesh with a volume."""
         self.surface  # noqa: B018 (reads and checks the file now, so that it is needed no more)
 
     @cached_property
     def surface(self) -> Triangles:
-        """Vertices, shape (V, 3) [m], and triangles, shape (F, 3), of the obstacle: of its hull if convex."""
+        """Vertices (V, 3) [m] and triangles (F, 3) of the mesh, or of its hull if convex."""
         with document.within("file", ": "):
             vertices, faces = read_mesh(self.file, np.array(self.scale))
         _check_volume(self.file, vertices)
@@ -346,7 +345,7 @@ class Mesh(Shape):
 def written_mesh(
     folder: Path | None, name: str, vertices: Sequence[Sequence[float]], faces: Sequence[Sequence[int]]
 ) -> Mesh:
-    """Return a mesh (V, 3), (F, 3) that is written to a folder (.obj), or raise InputError where there is none."""
+    """Write vertices (V, 3) and faces (F, 3) to an .obj file and return the mesh. No folder raises InputError."""
     if folder is None:
         raise InputError("missing, but needed: the folder to which meshes and cones are written", "meshes")
     folder.mkdir(parents=True, exist_ok=True)
@@ -357,7 +356,7 @@ def written_mesh(
 
 
 def array_digest(*arrays: FloatArray | IntArray) -> str:
-    """Return the SHA-256 of the arrays' contents."""
+    """Return the SHA-256 of the shapes and contents of arrays."""
     state = sha256()
     for array in arrays:
         state.update(str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
