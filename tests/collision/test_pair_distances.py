@@ -137,7 +137,7 @@ def test_clouds_all_around_are_decided_without_coal(past_a_column, by_coal, rng)
     robot, points = past_a_column[0].robot, rng.uniform(-1.0, 1.0, (400, 3))
     points = points[np.linalg.norm(points, axis=1) > 0.75]
     scene = scene_of(points, Pose()).with_obstacles(Obstacle("column", PointCloud(0.01, points=column(200, 0.7))))
-    checker, Q = CollisionChecker(robot, scene), np.concatenate([past_a_column[1], rng.uniform(-1.5, 1.5, (60, 6))])
+    checker, Q = CollisionChecker(robot, scene), np.concatenate([past_a_column[1], rng.uniform(-1.5, 1.5, (20, 6))])
     expected = np.array([by_coal(checker, checker.distance_names, q) for q in Q])
     apart, found = expected > 0, checker.all_distances(Q)
     np.testing.assert_allclose(found[apart], expected[apart], rtol=0, atol=2e-6)

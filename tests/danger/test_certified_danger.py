@@ -55,7 +55,7 @@ def densely(robot, path, number=200):
 # ------------------------------------------------------------------------------------------- moving key points
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(robots, seeds)
 def test_velocity_and_acceleration_of_key_points(robot_named, name, seed):
     robot, h = robot_named(name), 1e-4

@@ -82,7 +82,7 @@ def test_the_speed_of_the_tip_is_what_is_asked(arm):
 
 
 @pytest.mark.parametrize("axis", [None, "z"])
-@pytest.mark.parametrize("wide", [0.0005, 0.003, 0.02])
+@pytest.mark.parametrize("wide", [0.0005, 0.02])
 def test_proofs_agree_with_samples(arm, wide, axis):
     """Of splines that wander about a line: what is proven is within, what is outside is seen outside."""
     rng, path, corridor = np.random.default_rng(3), PATHS["line"], Corridor(wide, 10 * wide, axis)

@@ -55,7 +55,7 @@ def asked(t):
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
 def test_the_tube_of_a_controllers_state(tmp_path, capsys, plugin):
     rows = []
-    for t in np.arange(0, 2, 0.01):
+    for t in np.arange(0, 2, 0.02):
         state = {"header": messages.header(round(1e9 * (100 + t))), "joint_names": JOINTS}
         state |= {"reference": {"positions": asked(t)}, "feedback": {"positions": asked(t) - [0.01, 0.002]}}
         rows.append(("/controller/state", STATE, t, state))
