@@ -1,4 +1,4 @@
-"""Motions: what they must keep to, proofs of them, repair, and time laws with stops before people."""
+"""Motions in joint space: limits, proofs of safety, repair, and time laws that stop the robot in time for people."""
 
 import lazy_loader
 

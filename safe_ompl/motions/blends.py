@@ -1,4 +1,4 @@
-"""Paths as curves: straight lines in joint space, and blends for corners that are proven as the edges are."""
+"""Blend the corners of joint-space paths. Blends are proven collision free, as edges are."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from safe_ompl.robot import Robot
 
 _log = logging.getLogger(__name__)
 
-# Turns by less than this are driven through as they are.
-_NEGLIGIBLE_TURN = 1e-9  # [1/rad]
-# Blends that are tried, in shares of the largest one that the tolerance allows.
+# A smaller change of direction (norm of the difference of the unit tangents) is not a corner.
+_NEGLIGIBLE_TURN = 1e-9  # of unit vectors
+# Lengths of the blends that are tried, as shares of the longest blend that is allowed.
 _BLEND_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
-# Share of the jerk that q‴ṡ³ may take; the rest is left for accelerating along the curve.
+# Share of the jerk limit that q‴ṡ³ may use. The rest is left for accelerating along the curve.
 BENDS = 0.9
-# Way points that are nearer are one.
+# Way points closer than this are treated as equal.
 _EQUAL_POINTS = 1e-12  # [rad]
-# On lines between blends that are shorter than this, rounding would be a steep jump.
+# Shorter lines between blends are avoided: rounding errors divided by such a length are large jumps of the velocity.
 _LEAST_LINE = 1e-5  # [rad]
 
 
 def blended(
     path: FloatArray, robot: Robot, tolerance: float, motion: MotionProver | None, limits: RateLimits | None = None
 ) -> Motion:
-    """Return the path (N, n) with its corners rounded, within a tolerance [rad]; if it is 0 the robot stops in corners.
+    """Round the corners of a path (N, n) within a tolerance [rad]. With tolerance 0 the robot stops at every corner.
 
-    Of the blends of `docs/how-it-works.md` §9 the largest within the tolerance is taken that uses no more than half of
-    either edge and is proven; where none is, or nothing proves it, the robot stops in the corner. The parameter is the
-    arc length of lines, and of blends nearly that. An InputError if the path does not move.
+    Each corner gets the largest blend (`docs/how-it-works.md` §9) that keeps the tolerance, uses at most half of each
+    edge, and is proven free. Without such a blend, or without a prover, the robot stops at the corner. The parameter is
+    the arc length on lines and approximately the arc length on blends. Raises InputError if all way points are equal.
     """
     steps = robot.difference(path[:-1], path[1:])
     moves = np.linalg.norm(steps, axis=1) > _EQUAL_POINTS
@@ -45,7 +45,7 @@ def blended(
     units = steps / lengths[:, None]
     proof = motion if tolerance else None
     still, spans, pieces, corners = np.zeros(robot.n), list[float](), list[FloatArray](), list[int]()
-    # How much of an edge the blend before uses.
+    # Length of the current edge that the previous blend uses.
     begun = 0.0
     for k, (unit, length) in enumerate(zip(units, lengths.tolist(), strict=True)):
         blend, parts = list[FloatArray](), list[float]()
@@ -82,7 +82,10 @@ def _blend(
     proof: MotionProver,
     limits: RateLimits | None,
 ) -> tuple[list[FloatArray], list[float]]:
-    """Return the pieces of a proven blend, coefficients (4, n), and their lengths; none if no blend is proven."""
+    """Return the pieces of a proven blend, coefficients (4, n), and their lengths.
+
+    Without one, both lists are empty.
+    """
     change = second - first
     longest = min(room, 4 * tolerance / float(np.linalg.norm(change)))
     for share in _BLEND_SHARES:
@@ -91,7 +94,7 @@ def _blend(
         top = change / (2 * reach * (1 - ramp))
         still = np.zeros_like(change)
         swing = top / (2 * reach * ramp) if ramp else still
-        # q″ rises, stays, and falls, each in a part of the blend.
+        # q″ rises, stays constant, and falls, each in one part of the blend.
         parts = ((still, swing, ramp), (top, still, 1 - 2 * ramp), (top, -swing, ramp))
         blend, spans = list[FloatArray](), list[float]()
         q, rate = corner - reach * first, first
@@ -107,19 +110,22 @@ def _blend(
 
 
 def is_free(piece: FloatArray, proof: MotionProver) -> bool:
-    """Return whether a piece, coefficients (d + 1, n), is proven free; a straight one as edges are."""
+    """Return whether a polynomial piece (d + 1, n) is proven collision free. Straight pieces are checked as edges."""
     if not piece[2:].any():
         return proof.is_free(piece[0], piece[0] + piece[1])
     return proof.check_curve(piece).verdict is Verdict.FREE
 
 
 def first_unproven(motion: Motion, proof: MotionProver) -> int | None:
-    """Return the first piece of a path that is not proven free; None if all are proven."""
+    """Return the index of the first piece of a path that is not proven free, or None if all pieces are proven."""
     return next((k for k, piece in enumerate(motion.coefficients) if not is_free(piece, proof)), None)
 
 
 def _ramp(change: FloatArray, length: float, limits: RateLimits | None) -> float:
-    """Return the share of a blend in which q″ rises: a speed that needs all of the acceleration bears the jerk."""
+    """Return the share of a blend in which q″ rises.
+
+    At the speed at which the blend uses the full acceleration limit, the jerk stays within its limit.
+    """
     if limits is None or limits.jerk is None:
         return 0.0
     with np.errstate(divide="ignore"):

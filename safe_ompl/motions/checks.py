@@ -1,4 +1,4 @@
-"""Checks: proofs of motions that something else made, what stands in the way of one, and way points timed anew."""
+"""Check motions from other planners, explain why a motion is not proven, and time way points anew."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ from safe_ompl.motions.tube import tube_of
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
 
-# A process checks so many motions in one go.
+# Each worker process checks this many motions per task.
 _MOTIONS_PER_TASK = 8
-# A check may take so long by default.
+# Default time limit of a check.
 TIME = 60.0  # [s]
 
 
 class MotionCheck(NamedTuple):
-    """What is proven of a motion; true if everything is."""
+    """The result of a check. It is true if all claims about the motion are proven."""
 
     # The motion, with its joints in the robot's order.
     motion: Motion
@@ -53,7 +53,7 @@ class MotionCheck(NamedTuple):
     violations: tuple[Violation, ...]
     # The prover with the robot, the scene, the distances to keep, the tube, and limits of danger and tool.
     proof: MotionProver
-    # The limits of the rates, if rates were checked.
+    # The limits of velocity, acceleration and jerk, if they were checked.
     limits: RateLimits | None = None
     # The people beside whom stops were checked, and the stops: `stops.stop_from(time)`.
     people: People | None = None
@@ -61,7 +61,7 @@ class MotionCheck(NamedTuple):
 
     @property
     def separation(self) -> Separation:
-        """The distances that it is proven to keep, and its tube."""
+        """The distances that the motion is proven to keep, and its tube."""
         return self.proof.separation
 
     def __bool__(self) -> bool:
@@ -69,7 +69,7 @@ class MotionCheck(NamedTuple):
 
     @property
     def long_turns(self) -> tuple[str, ...]:
-        """Where a continuous joint turns by more than half a turn on a piece, in words: not the short way round."""
+        """Descriptions of pieces on which a continuous joint turns by more than π, so not the shortest way."""
         motion, robot = self.motion, self.proof.checker.robot
         turns = np.diff(motion.knots, axis=0) * robot.continuous
         return tuple(
@@ -105,7 +105,7 @@ def check(
     limits: RateLimits | None = None,
     people: People | None = None,
 ) -> MotionCheck:
-    """Prove a motion that something else made, or find what stands in the way.
+    """Prove that a motion from another planner is safe, or find where it is not.
 
     Parameters
     ----------
@@ -116,40 +116,41 @@ def check(
     scene : Scene
         The obstacles.
     constraints : Constraints, optional
-        What else must hold: distances, danger, limits of the tool, checks of the user's own.
+        Further requirements: distances, danger, limits of the tool, checks of the user.
     tube : float, array_like of shape (n,), or mapping of str to float, optional
-        Prove it of every motion whose joints are so near to this one at any time [rad or m].
+        Prove the claims for every motion whose joint values differ by at most this from the motion at any time [rad or
+        m].
     limits : RateLimits, optional
-        Largest velocities, accelerations and jerks; for a motion in time. Default: these are not looked at.
+        Largest velocities, accelerations and jerks of a timed motion. Default: they are not checked.
     people : People, optional
-        Who may begin to move at any instant, from where the scene has them: a stop on the motion, from whatever instant
-        on, within the accelerations of `limits`, is over before they are nearer than their clearance; or, where contact
-        is allowed, the robot is slow enough. The motion must be in time, and end at rest.
+        People who may begin to move at any instant from their positions in the scene. From any instant on, a stop on
+        the motion within the accelerations of `limits` must end before a person is nearer than the clearance. Where
+        contact is allowed, the robot may instead be slow enough. The motion must be timed, and end at rest.
 
     Returns
     -------
     MotionCheck
-        True if all is proven; `violations` says what is not. What is not proven free within a minute stays undecided:
-        violations of the kind "out of time" say where. `SafeSetup.check` takes another time.
+        True if all claims are proven; `violations` lists the others. Stretches that are not proven free within a minute
+        stay undecided: they are violations of the kind "out of time". `SafeSetup.check` has an option for the time.
 
     Raises
     ------
     InputError
-        If it is no motion of this robot's joints, or the tube is not ≥ 0. Beside people, if the motion is no function
-        of time or does not end at rest; if limits are missing, or limit the jerk; or contact is allowed within a tube.
+        If the motion does not fit the robot's joints, or the tube is negative. With people: if the motion is not timed
+        or does not end at rest; if limits are missing, or limit the jerk; or if contact is allowed within a tube.
     UnknownNameError
-        If the scene has no obstacle of a name.
+        If the constraints name an obstacle that the scene does not have.
 
     Notes
     -----
     Positions, velocities and accelerations are bounded as polynomials, not sampled. Freedom of collision is proven for
-    the curve itself (`docs/how-it-works.md` §4), and so are stops (§9). For bare samples with a bound of the velocity,
-    it is proven for every motion through the samples that keeps the bound.
+    the curve itself (`docs/how-it-works.md` §4), and so are stops (§9). For samples with a bound of the velocity, the
+    proof covers every motion through the samples that keeps the bound.
     """
     return check_with(motion, _proof(robot, scene, constraints, tube), limits, people)
 
 
-# What processes send of a check: little, so that it takes little time.
+# The results of a check that worker processes send back. They are kept small to keep the transfer fast.
 _CheckParts = tuple[Motion, tuple[str, ...], tuple[Violation, ...], RateLimits | None]
 
 
@@ -163,11 +164,11 @@ def check_many(
     workers: int = 1,
     **wanted: Any,
 ) -> list[MotionCheck]:
-    """Return what `check` says of each of some motions, in their order; but the checks hold no `stops`.
+    """Check several motions as `check` does and return the results in order, without their `stops`.
 
-    Robot and scene are made ready once. Several workers are as many processes; an InputError also for less than one.
-    Other arguments, `constraints` and `tube`, and errors are those of `check`; an error says which motion it is of,
-    counted from 0.
+    The models of robot and scene are built once. With `workers` > 1, as many processes run. Raises InputError if
+    `workers` is less than 1. The other arguments, `constraints` and `tube`, and the errors are those of `check`. An
+    error names the motion by its index, counted from 0.
     """
     proof, given = _proof(robot, scene, **wanted), list(motions)
 
@@ -199,10 +200,11 @@ def prove_many(
     constraints: Constraints | None = None,
     workers: int = 1,
 ) -> BoolArray:
-    """Return for straight motions between `starts` and `ends: (B, n)` whether each is proven free, (B,).
+    """Return which of the straight motions from `starts` to `ends: (B, n)` are proven free, (B,).
 
-    The same as `MotionProver.is_free` says one by one, with the constraints; the workers are threads that share them.
-    Who asks often makes the prover once, and calls `MotionProver.are_free`. Errors as there and as those of `check`.
+    The result equals that of `MotionProver.is_free` for each motion, with the constraints. The motions are divided
+    among `workers` threads. For frequent queries, build the prover once and call `MotionProver.are_free`. Errors are
+    those of `are_free` and `check`.
     """
     free = _proof(robot, scene, constraints).are_free(starts, ends, workers=workers)
     robot.check_turns(np.asarray(starts), np.asarray(ends), "motions")
@@ -212,7 +214,7 @@ def prove_many(
 def check_with(
     motion: Any, proof: MotionProver, limits: RateLimits | None = None, people: People | None = None, time: float = TIME
 ) -> MotionCheck:
-    """Return the same as `check` with a `MotionProver` that is there already, within a time [s]."""
+    """Check a motion as `check` does, with an existing `MotionProver`, within a time [s]."""
     end = perf_counter() + number("time", time, above=0.0, kind="number of seconds")
     limits = None if limits is None else instance("limits", limits, RateLimits)
     robot = proof.checker.robot
@@ -225,7 +227,7 @@ def check_with(
     for piece in compress(pieces, ~proven_by_bounds(pieces)):
         verdict = piece.verdict()
         joint, what = verdict.pair or ("", "")
-        # Pairs and radii hold within the limits only: beyond them nothing else is known.
+        # Beyond the joint limits the pairs and motion bounds do not hold, so only the violated limit is known.
         known = what == "its limits" and joint in outside
         if verdict.verdict is not Verdict.FREE and not known:
             stretches += piece.unproven()
@@ -248,24 +250,24 @@ def widest_tube(
     proportions: ArrayLike | None = None,
     tolerance: float = 0.01,
 ) -> FloatArray:
-    """Return the widest tube about a motion that is proven.
+    """Return the widest proven tube about a motion.
 
     Parameters
     ----------
     motion, robot, scene, constraints
         As `check`.
     proportions : array_like, shape (n,), optional
-        The tube is a multiple of these [rad or m]. Default: all joints alike.
+        The tube is a multiple of these widths [rad or m]. Default: equal widths for all joints.
     tolerance : float
-        Relative: a tube that is wider by this share is not proven.
+        Relative tolerance: a tube that is wider by this share is not proven.
 
     Returns
     -------
     ndarray, shape (n,)
-        Widths [rad or m]: every motion whose joints are so near to this one is proven. Zeros where the motion itself
-        is not.
+        Widths [rad or m]: every motion whose joint values differ by at most these widths is proven. Zeros if the motion
+        itself is not proven.
 
-    InputError as `check`; or if the proportions are not ≥ 0, or all 0, or the tolerance is not in (0, 1).
+    Raises InputError as `check`, if the proportions are negative or all 0, or if the tolerance is not in (0, 1).
     """
     shape = np.ones(robot.n) if proportions is None else finite_array(proportions, (robot.n,), "proportions")
     if (shape < 0).any() or not shape.any():
@@ -274,7 +276,7 @@ def widest_tube(
         raise InputError(f"tolerance must be between 0 and 1, got {tolerance!r}")
     motion = Motion.of(motion, space=robot).for_robot(robot)
     proof = _proof(robot, scene, constraints)
-    # The pieces that failed last come first.
+    # Pieces that failed in the last attempt are checked first, because they probably fail again.
     order = list(range(motion.pieces))
 
     def proven(width: float) -> bool:
@@ -311,7 +313,7 @@ def _proof(
 
 
 def _joined(stretches: list[Violation]) -> Iterator[Violation]:
-    """Yield stretches of one kind that follow each other as one, with what is worst in any of them."""
+    """Merge consecutive stretches of the same kind into one violation, with the worst value of all."""
 
     def depth(violation: Violation) -> float:
         if violation.value is None:
@@ -331,7 +333,7 @@ def _joined(stretches: list[Violation]) -> Iterator[Violation]:
 
 
 def _late(stops: Stops, people: People) -> Iterator[Violation]:
-    """Yield where stops that begin there may be too late, by time."""
+    """Yield the time intervals in which a stop that begins there may end too late."""
     edges = stops.cells.edges.tolist()
     for j in np.flatnonzero(stops.left < 0).tolist():
         link, (person, limb), room = stops.met(j)
@@ -342,22 +344,22 @@ def _late(stops: Stops, people: People) -> Iterator[Violation]:
 
 
 def retime(motion: Any, robot: Robot, scene: Scene, limits: RateLimits | None = None, **options: Any) -> Trajectory:
-    """Return the fastest trajectory along way points that something else made; times that they have are thrown away.
+    """Return the fastest trajectory along the way points of a given motion. Its own times are ignored.
 
-    The straight motions between them are proven first, and blends that round the corners are, too.
+    First the straight motions between the way points and the blends at corners are proven.
 
     Parameters
     ----------
     motion, robot, scene
-        As for `check`: way points (N, n), or what `read_motion` returns; of curved pieces only the ends count.
+        As for `check`: way points (N, n), or what `read_motion` returns. Of curved pieces only the ends are used.
     limits : RateLimits, optional
-        Of the joints; default: `RateLimits.of(robot)`.
+        Limits of the joints. Default: `RateLimits.of(robot)`.
     **options
-        Those of `time_path`: `people`, beside whom it is no faster than what is proven to stop in time, `tolerance` of
+        Those of `time_path`: `people` limits the speed so that the robot is proven to stop in time; also `tolerance` of
         blends, `tool_speed`, `link_speed`, `danger` and `max_danger`.
 
-    Errors as `check` and `time_path`, and a PlanningError if a way point, or the straight motion to the next one, is
-    not proven: says which, counted from 0.
+    Errors are those of `check` and `time_path`. Raises PlanningError with the index (from 0) of a way point if the way
+    point or the straight motion to the next one is not proven.
     """
     found = check(way_of(motion, robot), robot, scene)
     if not found:
@@ -372,7 +374,7 @@ def way_of(motion: Any, robot: Robot) -> Motion:
 
 
 def objection(found: MotionCheck) -> str:
-    """Return which way point of a way that is not proven is at fault, or between which two it is, and why."""
+    """Describe why a path is not proven: the way point, or the pair of way points, and the reason."""
     proof = found.proof
     for k, q in enumerate(found.motion.knots):
         beyond = proof.checker.robot.beyond_limits(q)

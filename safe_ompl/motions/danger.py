@@ -1,4 +1,8 @@
-"""The danger of a robot that moves along a curve: bounds over whole cells, the cap of the speed, what a motion has."""
+"""Danger of a moving robot along a curve.
+
+The module computes bounds over cells, the speed limit that keeps the danger below a limit, and the danger of a timed
+motion.
+"""
 
 from __future__ import annotations
 
@@ -15,37 +19,42 @@ from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.time_law import TimeLaw
 from safe_ompl.robot import plain
 
-# Bisection for the speed that keeps a limit of the danger.
+# Steps of the bisection for the largest speed. 50 halvings reach double precision.
 _CAP_HALVINGS = 50
-# A cell of a velocity limit is divided if its length costs more than this share of the speed. Cells are divided at most
-# this often, and never into cells shorter than this.
+# For a velocity limit, a cell is divided if its length lowers the limit by more than this share. `_CAP_DIVISIONS` is
+# the largest number of rounds of division. Parts are not shorter than `_LEAST_CELL`.
 _SPEED_LOSS = 0.02
 _CAP_DIVISIONS = 3
 _LEAST_CELL = 1e-3  # [rad]
-# For a proven peak, cells are divided at most this often, or until the peak is at most this times the sampled one.
+# For a proven peak, cells are divided into `_PARTS` each, in at most `_PEAK_DIVISIONS` rounds. Division ends when the
+# bound is at most `_TIGHT_PEAK` times the sampled peak.
 _PEAK_DIVISIONS = 8
 _TIGHT_PEAK = 1.02
 _PARTS = 3
 
 
 class CellDanger(NamedTuple):
-    """Bounds of the danger of a robot in cells: at the danger points at most level + ṡ·increase, (N, M), unweighted."""
+    """Upper bounds of the danger over N cells at M danger points: level + ṡ·increase, (N, M).
+
+    The weights of the danger points are not included.
+    """
 
     field: KinetostaticField
     levels: FloatArray
     increases: FloatArray
 
     def at(self, rates: FloatArray) -> FloatArray:
-        """Return a bound of the danger (N,) in cells where ṡ is `rates: (N,)`."""
-        # The product 0·∞ occurs where a danger point may be touched.
+        """Return upper bounds (N,) of the danger at path velocities ṡ `rates: (N,)`."""
+        # The product 0·∞ occurs where a danger point may be touched. The result NaN is replaced by infinity.
         with np.errstate(invalid="ignore"):
             fields = self.levels + rates[:, None] * self.increases
         return self.field.field.aggregated(np.where(np.isnan(fields), np.inf, fields))
 
     def allowed(self, limit: float, most: FloatArray) -> FloatArray:
-        """Return the largest ṡ (N,) ≤ `most` with which the danger is proven to keep to a limit; −1: not at rest.
+        """Return the largest ṡ (N,) ≤ `most` at which the danger is proven to stay within `limit`.
 
-        The bound is convex in ṡ: if it keeps to the limit at rest and at some speed, so it does at all between.
+        The result is −1 where even the danger at rest exceeds the limit. The bound is convex in ṡ: if the limit holds
+        at rest and at one speed, the limit holds at all speeds between.
         """
         if self.field.field.aggregate == "max":
             weights = self.field.field.weights
@@ -71,10 +80,10 @@ def cell_danger(
     enough: float,
     within: bool = True,
 ) -> CellDanger:
-    """Return bounds over cells (N,) of a motion, or not `within` them but in the centres, with ṡ ≤ `rates: (N,)`.
+    """Bound the danger over cells (N,) of a motion for path velocities ṡ ≤ `rates: (N,)`.
 
-    Where a danger point is proven, by a cheaper and looser bound, to bring no more danger than `enough`, that bound
-    will do, if the danger is the maximum over danger points.
+    With `within=False` the danger is bounded only at the centres of the cells. If the danger is the maximum over danger
+    points, a cheaper, looser bound is used for points that are proven to stay below `enough`.
     """
     halves = cells.sizes[rows] / 2 * within
     field = moving.field
@@ -109,11 +118,12 @@ def cell_danger(
 def danger_cap(
     motion: Motion, cells: Cells, danger: KinetostaticField, limit: float, most: FloatArray
 ) -> tuple[Cells, IntArray, FloatArray]:
-    """Return the speeds with which the danger of the moving robot keeps to a limit, where ṡ ≤ `most: (N,)` in any case.
+    """Return the largest path velocities ≤ `most: (N,)` at which the danger of the moving robot stays within `limit`.
 
-    Along a curve the danger is φ + ṡ (φ′ + γI) k₂/k₁. Cells are divided where they bound the speed and are so long that
-    it makes a difference. Returned are the cells, the given ones in which they are, and the largest ṡ, −1 where the
-    danger at rest is above the limit.
+    Along a curve the danger is φ + ṡ (φ′ + γI) k₂/k₁, with φ′ = dφ/ds and γ, I, k₁, k₂ of `KinetostaticField`. A cell
+    is divided if it limits the velocity and shorter cells would raise the limit noticeably. Returns the divided cells,
+    the index of the given cell that contains each, and the largest ṡ in each: −1 where the danger at rest exceeds the
+    limit.
     """
 
     def capped(rows: IntArray, *, within: bool = True) -> FloatArray:
@@ -142,7 +152,10 @@ def danger_cap(
 
 @dataclass(frozen=True)
 class MotionDanger:
-    """The kinetostatic danger [k₁/m, or k₁] at times (T,) [s] of a motion, its mean, its peak, and a bound of that."""
+    """The kinetostatic danger of a timed motion: samples at times (T,) [s], their mean and peak, and a proven bound.
+
+    The unit of the danger is k₁/m, or k₁ if links are weighted by length.
+    """
 
     times: FloatArray
     values: FloatArray
@@ -152,7 +165,7 @@ class MotionDanger:
 
 
 def motion_danger(motion: Motion, law: TimeLaw, field: KinetostaticField) -> MotionDanger:
-    """Return the danger of a robot that follows a law along a motion."""
+    """Compute the danger of a robot that follows a motion with a time law."""
     cells = motion.between(law.edges)
     middles = (law.times[1:] + law.times[:-1]) / 2
     times = np.sort(np.concatenate([law.times, middles]))
@@ -165,7 +178,7 @@ def motion_danger(motion: Motion, law: TimeLaw, field: KinetostaticField) -> Mot
 
 
 def _proven_peak(motion: Motion, cells: Cells, law: TimeLaw, danger: KinetostaticField, peak: float) -> float:
-    """Divide the cells whose bound is above the sampled peak until none is far above it; return the highest."""
+    """Return an upper bound of the danger. Cells whose bound is far above the sampled peak are divided."""
     enough = _TIGHT_PEAK * peak
     upper = np.zeros(len(cells))
     rows: IntArray = np.arange(len(cells))

@@ -1,4 +1,4 @@
-"""Motions as piecewise polynomials: paths by arc length, splines by time."""
+"""Motions as piecewise polynomials: paths over arc length, splines over time."""
 
 from __future__ import annotations
 
@@ -19,38 +19,38 @@ from safe_ompl.motions.laws import derivative_ranges, derivatives
 from safe_ompl.motions.limits import RATE_TOLERANCE
 from safe_ompl.robot import Robot, plain
 
-# Rounding of places is allowed for where it is larger than this, which is far below what proofs keep in any case.
+# Rounding of joint values is counted only above this value. Smaller rounding is far below the margin of every proof.
 _NEGLIGIBLE_ROUNDING = 1e-9  # [rad or m]
-# A joint with limits that moves beyond this is probably given in degrees.
+# A joint with limits that moves beyond this value is probably given in degrees.
 _PROBABLY_DEGREES = 4 * np.pi  # [rad]
-# Stretches that are cut off a motion, and are shorter than this, are rounding.
+# When a motion is cut, shorter stretches are rounding errors.
 _NEGLIGIBLE_STRETCH = 1e-12  # [s, or rad]
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A motion of n joints in K pieces, polynomials of time, or of the parameter of a path.
+    """A motion of n joints in K pieces, which are polynomials of time or of a path parameter.
 
-    q(t) = Σ_k c_k u^k with u = (t − t_j) / (t_{j+1} − t_j) in [0, 1] on piece j. Other forms of motions are
-    converted by `of`, `through`, `hermite` and `sampled`. Joint values are taken as they stand: no continuous joint
-    goes the short way round. A path is driven as a time law says (`time_path`).
+    q(t) = Σ_k c_k u^k with u = (t − t_j) / (t_{j+1} − t_j) in [0, 1] on piece j. `of`, `through`, `hermite` and
+    `sampled` convert other representations. Joint values are not wrapped: a continuous joint moves exactly as its
+    values say. `time_path` computes a time law for a path.
 
     Parameters
     ----------
     times : array_like, shape (K + 1,)
-        Where pieces begin and end, increasing [s].
+        Increasing times [s] at which pieces begin and end.
     coefficients : array_like, shape (K, d + 1, n)
         c_0 … c_d of every piece [rad or m]; d ≤ 15.
     joint_names : tuple of str, optional
-        The n joints. Default: those of the robot, in its order.
+        The n joints. Default: the robot's joints, in its order.
     slack : array_like, shape (K, n), optional
-        Where not every configuration is known: how far the motion may be from the polynomial, ≥ 0 [rad or m].
+        Bound of the distance between the motion and the polynomial, ≥ 0, if the motion is not known exactly [rad or m].
     timed : bool
-        Whether `times` are seconds; otherwise they are parameters of a path, and it has no rates.
+        Whether `times` are seconds. If not, they are path parameters, and the motion has no velocities.
     rounding : array_like, shape (K, n), optional
-        Bound of the sum of the errors of c_0 … c_d, which constructors round [rad or m]. Default: they are exact.
+        Bound of the summed rounding errors of c_0 … c_d from constructors [rad or m]. Default: coefficients are exact.
     corners : tuple of int, optional
-        Of a path: the knots 1 … K − 1 at which it turns, where the robot stops.
+        For a path: the knots 1 … K − 1 at which the direction changes and the robot stops.
 
     Raises
     ------
@@ -120,46 +120,50 @@ class Motion:
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]; where it is not timed, the length of its parameter."""
+        """Duration [s]; for a path, the length of its parameter."""
         return float(self.times[-1] - self.times[0])
 
     @property
     def length(self) -> float:
-        """How long its parameter is: arc length [rad], or time [s]."""
+        """Length of the parameter: arc length [rad], or time [s]."""
         return self.duration
 
     @property
     def knots(self) -> FloatArray:
-        """Configurations (K + 1, n) where pieces begin, and where the last one ends [rad or m]."""
+        """Configurations (K + 1, n) at which pieces begin, and the end of the last piece [rad or m]."""
         return np.vstack([self.coefficients[:, 0], self.coefficients[-1].sum(axis=0)])
 
     @property
     def rated(self) -> bool:
-        """Whether velocities and accelerations are known: it is timed, and without slack."""
+        """Whether velocities and accelerations are known: the motion is timed and has no slack."""
         return self.timed and self.slack is None
 
     @cached_property
     def allowance(self) -> FloatArray:
-        """How far each piece (K, n) may be from its polynomial: slack, rounding, and the jump before it [rad or m].
+        """Bound (K, n) of the distance of the motion from its polynomial: slack, rounding, preceding jump [rad or m].
 
-        Where coefficients cancel, places of the polynomial are rounded by more than proofs allow for in any case.
+        Rounding includes the evaluation of the polynomial where coefficients cancel and the error exceeds the margin of
+        proofs.
         """
         rough = 4 * (self.degree + 1) * polynomials.EPS * np.abs(self.coefficients).sum(axis=1)
         rough[1:] += np.abs(self.jumps(0))
         rough += 0.0 if self.rounding is None else self.rounding
-        # Rounding alone must not make a tube: within one, pairs must be looked at that cannot touch.
+        # Small rounding must not make a tube, because proofs within a tube must also check pairs that cannot touch.
         allowance: FloatArray = np.where(rough > _NEGLIGIBLE_ROUNDING, rough, 0.0)
         return allowance if self.slack is None else allowance + self.slack
 
     def at(self, time: float | ArrayLike) -> FloatArray:
-        """Return the configuration (n,) at a time [s], or (T, n) at times (T,); it rests before and after.
+        """Return the configuration (n,) at a time [s], or (T, n) at times (T,). The motion rests before and after.
 
-        Raises InputError if a time is not a number.
+        Raises InputError if a time is NaN.
         """
         return self.derivative(time, 0)
 
     def derivative(self, time: float | ArrayLike, order: int = 1) -> FloatArray:
-        """Return the derivative by time of an order, as `at`; 0 before and after, at knots that of the later piece."""
+        """Return the time derivative of an order, shaped as by `at`.
+
+        The derivative is 0 before the start and after the end. At a knot it is the derivative of the later piece.
+        """
         order = documents.whole_number("order", order, at_least=0)
         given = float_array(time, (None,) if np.ndim(time) else (), "time")
         if np.isnan(given).any():
@@ -173,7 +177,7 @@ class Motion:
         return values if given.ndim else values[0]
 
     def derivative_coefficients(self, order: int) -> FloatArray:
-        """Return the coefficients (K, max(d − order, 0) + 1, n) of the derivative by time of an order."""
+        """Return the coefficients (K, max(d − order, 0) + 1, n) of the time derivative of an order."""
         if order == 0:
             return self.coefficients
         if order > self.degree:
@@ -183,15 +187,16 @@ class Motion:
         return np.asarray(self.coefficients[:, order:] * factors[:, None] / spans**order)
 
     def jumps(self, order: int) -> FloatArray:
-        """Return how far (K − 1, n) the derivative by time of an order jumps from each piece to the next."""
+        """Return the jumps (K − 1, n) of the time derivative of an order between consecutive pieces."""
         held = self.derivative_coefficients(order)
         return np.asarray(held[1:, 0] - held[:-1].sum(axis=1))
 
     def for_robot(self, robot: Robot, degrees: bool = False) -> Motion:
-        """Return the same motion with its columns in the order of the robot's joints.
+        """Return the motion with its columns in the order of the robot's joints.
 
-        With `degrees` joints that turn have these. Raises InputError if joints are missing or there are more; without
-        names, if the number of columns differs; if a joint that has limits moves beyond 4π rad, as degrees would.
+        With `degrees`, values of revolute joints are converted from degrees. Raises InputError if joints are missing or
+        unknown; for a motion without names, if the number of columns differs; if a joint with limits moves beyond 4π
+        rad, which suggests degrees.
         """
         order = forms.columns(self.joint_names, self.n, robot)
         units = np.where(robot.prismatic, 1.0, np.pi / 180 if degrees else 1.0)
@@ -213,7 +218,7 @@ class Motion:
         return Motion(self.times, coefficients, robot.joint_names, slack, self.timed, rounding, corners=self.corners)
 
     def cut(self, cuts: Mapping[int, FloatArray]) -> Motion:
-        """Return the same motion with some of its pieces cut at fractions in (0, 1), which increase."""
+        """Return the motion with some of its pieces cut at increasing fractions in (0, 1)."""
         if not cuts:
             return self
         times, of, coefficients = [float(self.times[0])], [], []
@@ -239,7 +244,7 @@ class Motion:
         )
 
     def part(self, first: float, last: float) -> Motion:
-        """Return the stretch between two values first < last of its parameter; that of the stretch begins at 0."""
+        """Return the part between two parameter values first < last. The parameter of the part begins at 0."""
         a, b = self.piece_at(np.array([first, last])).tolist()
         a += bool(self.times[a + 1] - first < _NEGLIGIBLE_STRETCH and a < b)
         b -= bool(last - self.times[b] < _NEGLIGIBLE_STRETCH and a < b)
@@ -256,10 +261,10 @@ class Motion:
         return replace(self, times=times, coefficients=coefficients, slack=slack, rounding=rounding, corners=corners)
 
     def then(self, other: Motion) -> Motion:
-        """Return this motion and, after it, another one of the same joints that begins where it ends.
+        """Return this motion followed by another motion of the same joints, which begins at the end of this one.
 
-        Of two paths the knot between is a corner, where the robot stops. Raises InputError if one is timed and the
-        other is not, the second one names its joints otherwise, or it begins elsewhere.
+        For paths the joining knot is a corner, at which the robot stops. Raises InputError if only one motion is timed,
+        if the joint names differ, or if the second motion begins at another configuration.
         """
         if self.timed != other.timed:
             raise InputError("must have times in all parts, or in none", "times")
@@ -282,9 +287,9 @@ class Motion:
         return Motion(times, coefficients, self.joint_names, timed=False, corners=corners)
 
     def among(self, robot: Robot, q: FloatArray, rows: Sequence[int]) -> Motion:
-        """Return the motion of all joints of a robot: those in `rows` move as here, the others stay at `q: (n,)`.
+        """Return the motion of all joints of a robot: joints in `rows` follow this motion.
 
-        Continuous joints begin as near to `q` as whole turns bring them.
+        The others stay at `q: (n,)`. Continuous joints are shifted by whole turns to begin as near to `q` as possible.
         """
         turns = 2 * np.pi * np.round((q[rows] - self.coefficients[0, 0]) / (2 * np.pi)) * robot.continuous[rows]
         coefficients = np.zeros((self.pieces, self.degree + 1, len(q)))
@@ -299,17 +304,17 @@ class Motion:
 
     @cached_property
     def _spans(self) -> FloatArray:
-        """How long the pieces are (K,)."""
+        """Parameter lengths (K,) of the pieces."""
         return np.diff(self.times)
 
     def piece_at(self, s: FloatArray) -> IntArray:
-        """Return the piece (S,) at values `s: (S,)` of the parameter; the later one where two meet."""
+        """Return the piece (S,) that contains each parameter value `s: (S,)`; at a knot, the later piece."""
         return np.asarray(np.clip(np.searchsorted(self.times, s, side="right") - 1, 0, self.pieces - 1))
 
     def places(self, s: FloatArray, pieces: IntArray | None = None) -> CurvePoints:
-        """Return configurations and derivatives (S, n) at values `s: (S,)`; where two pieces meet, of those given.
+        """Return configurations and derivatives (S, n) at parameter values `s: (S,)`, on given pieces or as `piece_at`.
 
-        In contrast to `at` the first and the last piece go on beyond the ends.
+        In contrast to `at`, the first and the last piece are extrapolated beyond the ends.
         """
         which = self.piece_at(s) if pieces is None else pieces
         return CurvePoints(*derivatives(self.times, self.coefficients, which, plain(s)))
@@ -325,30 +330,32 @@ class Motion:
 
     @cached_property
     def _known(self) -> dict[tuple[float, float], Cells]:
-        """Cells that were asked for."""
+        """Cells computed so far."""
         return {}
 
     def between(self, edges: FloatArray) -> Cells:
-        """Return the cells between values (N + 1,) of the parameter, all knots among them.
+        """Return the cells between parameter values (N + 1,), which include all knots.
 
-        Boxes of derivatives are those of Bernstein coefficients, with what rounding adds, and jumps between pieces of a
-        motion in time (`roughness`). Cells stop at the corners of a path, and where a motion in time is at rest.
+        Ranges of derivatives come from Bernstein coefficients, widened by rounding and, for timed motions, by jumps
+        between pieces (`roughness`). Cells record as stops the corners of a path, and the knots at which a timed motion
+        is at rest.
         """
         piece = self.piece_at((edges[1:] + edges[:-1]) / 2)
         low, high = derivative_ranges(self.times, self.coefficients, piece, plain(edges))
         if self.timed:
             rough = np.array([self.roughness(order)[piece] for order in (1, 2, 3)])
-            # Velocities at centres are those of the polynomials.
+            # Velocities at cell centres come from the polynomials, so the second derivative must cover the roughness of
+            # the first.
             rough[1] = np.maximum(rough[1], rough[0] / (np.diff(edges)[:, None] / 2))
             low, high = low - rough, high + rough
         d3q_ds3 = np.maximum(np.abs(low[2]), np.abs(high[2]))
-        # Sums of lengths are rounded: a knot is the edge that is nearest.
+        # Sums of lengths are rounded, so each knot is matched to the nearest edge.
         stops = np.searchsorted((edges[1:] + edges[:-1]) / 2, self.times[self.rests])
         return Cells(edges, Boxes(low[0], high[0], low[1], high[1]), d3q_ds3, stops)
 
     @cached_property
     def rests(self) -> IntArray:
-        """Inner knots at which the robot is at rest: the corners of a path, or those where velocities vanish."""
+        """Inner knots at which the robot is at rest: corners of a path, or zero velocity of a timed motion."""
         if not self.timed:
             return np.array(sorted(self.corners), dtype=np.intp)
         moves = self._moves
@@ -356,7 +363,7 @@ class Motion:
 
     @property
     def _moves(self) -> Any:
-        """Whether it moves (2, K) at the beginning and at the end of each piece."""
+        """Whether the robot moves (2, K) at the beginning and at the end of each piece."""
         return (self.end_rates > RATE_TOLERANCE[1]).any(axis=2)
 
     @property
@@ -366,11 +373,11 @@ class Motion:
         return np.asarray(np.abs(np.stack([rates[:, 0], rates.sum(axis=1)])) + self.roughness(1))
 
     def roughness(self, order: int) -> FloatArray:
-        """Return what rounding, and jumps between pieces, add (K, n) to the derivative of an order ≥ 1.
+        """Return the bound (K, n) that rounding and jumps between pieces add to the derivative of an order ≥ 1.
 
-        One of rounded coefficients Σ|δc_k| ≤ ρ errs by d!/(d − order)! ρ / Δtᵒ. What jumps moves: a jump J of a lower
-        derivative, i orders below, counts as i! J/Δtⁱ on the piece behind it. Jumps too far are violations of their
-        own.
+        Rounded coefficients with Σ|δc_k| ≤ ρ change the derivative by at most d!/(d − order)! ρ / Δtᵒ. A jump J of a
+        lower derivative, i orders below, counts as i! J/Δtⁱ on the later piece. Larger jumps are reported as
+        violations.
         """
         spans = self._spans[:, None]
         found = np.zeros((self.pieces, self.n))
@@ -379,7 +386,7 @@ class Motion:
             found[1:] += factorial(order - lower) * jumps / spans[1:] ** (order - lower)
         if self.rounding is None:
             return found
-        # Jumps within the rounding are none.
+        # Jumps that rounding explains are not counted twice.
         return np.maximum(found, perm(self.degree, order) * self.rounding / spans**order)
 
     def __repr__(self) -> str:
@@ -389,7 +396,7 @@ class Motion:
 
     @classmethod
     def through(cls, points: ArrayLike, times: ArrayLike | None = None, names: Sequence[str] | None = None) -> Motion:
-        """Return the straight lines through way points (N, n); without `times` (N,) [s] it is a path."""
+        """Return the straight lines through way points (N, n). Without `times` (N,) [s] the motion is a path."""
         return cls._made(forms.straight(times, points, "way points"), names, timed=times is not None)
 
     @classmethod
@@ -406,17 +413,18 @@ class Motion:
         accelerations: Any = None,
         names: Sequence[str] | None = None,
     ) -> Motion:
-        """Return what ROS 2's joint_trajectory_controller interpolates.
+        """Return the motion that ROS 2's joint_trajectory_controller interpolates.
 
-        Lines where only positions are given, cubic pieces with velocities, quintic ones with accelerations besides.
+        Pieces are linear if only positions are given, cubic with velocities, and quintic with velocities and
+        accelerations.
 
         Parameters
         ----------
         times : array_like, shape (N,)
             Increasing [s].
         positions, velocities, accelerations : array_like, shape (N, n)
-            [rad, rad/s, rad/s²; m where a joint slides]. Velocities and accelerations may be lists of rows with None
-            for points that have none: pieces at such a point have the lower degree.
+            [rad, rad/s, rad/s²; m for prismatic joints]. Velocities and accelerations may be lists of rows in which
+            None marks a point without them. Pieces at such a point have the lower degree.
         names : sequence of str, optional
             The joints.
 
@@ -429,31 +437,31 @@ class Motion:
     def sampled(
         cls, times: ArrayLike, positions: ArrayLike, max_velocity: float | ArrayLike, names: Sequence[str] | None = None
     ) -> Motion:
-        """Return bare samples (N, n): lines, and a slack for what a joint of bounded velocity may do in between.
+        """Return linear interpolation of samples (N, n), with slack for the unknown motion between samples.
 
-        In Δt a joint that moves by Δq no faster than v is at most (v² − (Δq/Δt)²) Δt / 2v ≤ ½ v Δt from the line.
-        `max_velocity`, a number or (n,), is what no joint exceeds
-        at any time [rad/s or m/s]. Raises InputError as the class, or if samples are farther apart than it allows.
+        In Δt a joint that moves by Δq with velocity at most v is within (v² − (Δq/Δt)²) Δt / 2v ≤ ½ v Δt of the line.
+        `max_velocity`, a number or (n,), bounds the velocity of each joint at any time [rad/s or m/s]. Raises
+        InputError as the class, or if consecutive samples are farther apart than `max_velocity` allows.
         """
         pieces, slack = forms.sampled(times, positions, max_velocity)
         return cls._made(pieces, names, slack=slack)
 
     @classmethod
     def of(cls, thing: Any, names: Sequence[str] | None = None, space: Any = None) -> Motion:
-        """Return the motion that `thing` is.
+        """Convert an object of another library to a motion.
 
         Parameters
         ----------
         thing : object
             A `Motion`; SciPy's `PPoly` (`CubicSpline`, `Akima1DInterpolator`, …), `BPoly` or `BSpline` with values
-            (n,); way points (N, n); a `PlanResult`; OMPL's `PathGeometric`, or a solved `SimpleSetup`,
-            on which angles go the way that their space interpolates; a `Trajectory`, as controllers join its `points`.
+            (n,); way points (N, n); a `PlanResult`; OMPL's `PathGeometric` or a solved `SimpleSetup`, in which angles
+            are interpolated as by their space; or a `Trajectory`, interpolated between its `points` as by controllers.
         names : sequence of str, optional
-            The joints, where it does not name them itself.
+            The joints, if the object does not name them.
         space : ob.StateSpace or Robot, optional
-            The space of a `PathGeometric`, which does not know it, or the robot whose joints it has.
+            The state space of a `PathGeometric`, which does not store it, or the robot with its joints.
 
-        Raises InputError if it is none of these, or as the class.
+        Raises InputError if the type is not supported, or as the class.
         """
         kinds = {kind.__name__ for kind in type(thing).__mro__}
         if isinstance(thing, Motion):
@@ -485,7 +493,7 @@ class Motion:
         )
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return plain data that `from_mapping` reads back exactly."""
+        """Return the motion as plain data, which `from_mapping` reads back exactly."""
         held = {key: getattr(self, key) for key in ("times", "coefficients", "slack", "rounding")}
         said = {key: value.tolist() for key, value in held.items() if value is not None}
         names = None if self.joint_names is None else list(self.joint_names)

@@ -1,9 +1,10 @@
-"""A timed trajectory: joint values, velocities and accelerations at any time, and the points that are exported.
+"""Timed trajectories: joint values, velocities and accelerations at any time, and points for export.
 
-Receivers join positions and velocities by cubics, and with accelerations by quintics; ROS 2's joint trajectory
-controller does. Samples of a motion that keeps its limits do not do: where its acceleration jumps between two of them a
-cubic has up to 5/3 of it, and a quintic more. So points stand where the acceleration jumps, or the jerk where that is
-limited, as far as that is needed, and evenly between these. What is left is driven slower.
+Controllers interpolate positions and velocities by cubics, and positions, velocities and accelerations by quintics, as
+ROS 2's joint trajectory controller does. Points sampled evenly from a motion within its limits are not enough: where
+the acceleration jumps between two points, a cubic reaches up to 5/3 of the acceleration, and a quintic more. Therefore
+points are placed where needed at jumps of the acceleration, or of the jerk if it is limited, and evenly between them.
+If a limit is still exceeded, the whole trajectory is slowed down.
 """
 
 from __future__ import annotations
@@ -28,23 +29,23 @@ from safe_ompl.motions.time_law import SmoothLaw, TimeLaw
 from safe_ompl.scene import People
 
 RATE = 100.0  # [Hz]
-# Knots that are no farther apart are one.
+# Knots closer than this are merged.
 _EQUAL_TIMES = 1e-9  # [s]
-# A cap counts as reached where the speed comes so near to its bound, relative to that.
+# A speed limit counts as reached if the speed comes within this share of it.
 _CAP_REACHED = 1e-6
-# Points are added where limits are exceeded by more than this share; slower driving takes care of less.
+# Points are added where limits are exceeded by more than this share. Slowing down removes a smaller excess.
 _REFINED_EXCESS = 1e-3
-_LEAST_POINT_DISTANCE = 1e-4  # [s] of two points
-# The first and the last interval between points are at least so long, as a share of the others.
+_LEAST_POINT_DISTANCE = 1e-4  # [s] between points
+# Least length of the first and the last interval between points, as a share of the other intervals.
 _LEAST_END_INTERVAL = 0.2
-# Messages have whole nanoseconds.
+# Times in ROS messages are whole nanoseconds.
 _NANOSECOND = 1e-9  # [s]
-# Driving is slowed at most so often; twice is enough in most cases.
+# Limit of the number of slow-downs. Two are enough in most cases.
 _MOST_SLOWDOWNS = 20
 
 
 class State(NamedTuple):
-    """Joint values, velocities and accelerations, (n,) or (T, n) [rad, rad/s, rad/s²; m where a joint slides]."""
+    """Joint values, velocities and accelerations, (n,) or (T, n) [rad, rad/s, rad/s²; m for prismatic joints]."""
 
     q: FloatArray
     qd: FloatArray
@@ -53,9 +54,9 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class SpeedCap:
-    """A bound of the speed along the path, proven over whole cells: the largest ṡ in each (N,) [rad/s]; inf: any.
+    """A limit of the path velocity that is proven over whole cells: the largest ṡ in each (N,) [rad/s]; inf: no limit.
 
-    Its name is "joint velocity", "separation", "contact", "danger", "tool speed", "link speed", …; caps of the speed of
+    The name is "joint velocity", "separation", "contact", "danger", "tool speed", "link speed", …. Caps of the speed of
     tool or links have a `limit` [m/s].
     """
 
@@ -65,33 +66,33 @@ class SpeedCap:
 
     @property
     def least(self) -> float:
-        """The least that it allows anywhere [rad/s]."""
+        """The smallest value over all cells [rad/s]."""
         return float(self.speeds.min(initial=np.inf))
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A motion in time along a curve; made by `time_path`.
+    """A timed motion along a curve, as made by `time_path`.
 
     Attributes
     ----------
     curve : Motion
-        The path with its corners rounded, by arc length.
+        The path with blended corners, over arc length.
     law : TimeLaw
-        Where on the curve it is at what time.
+        The time law: the position on the curve at each time.
     limits : RateLimits
-        What joint velocities and accelerations, and jerks where limited, keep to at every instant.
+        Limits that joint velocities, accelerations and, if limited, jerks keep at every instant.
     caps : tuple of SpeedCap
-        What the speed along the path keeps to.
+        Limits of the path velocity.
     brakes : ndarray, shape (N,), or None
-        Deceleration along the path that a stop (of the plan, where the jerk is limited) takes in each cell [rad/s²];
-        caps by people rest on it.
+        Path deceleration of a stop in each cell [rad/s²], with which the caps for people are computed. If the jerk is
+        limited, it is the deceleration of the plan before smoothing.
     people : People or None
-        Beside whom it stops in time.
+        People before whom the robot stops in time.
     tool_speed, link_speed : float or None
-        What the tip, and all points of all links, are no faster than [m/s].
+        Largest speed of the tip, and of all points of all links [m/s].
     danger_field, max_danger : KinetostaticField and float, or None
-        What the danger of the robot in motion keeps to.
+        Danger field of the moving robot, and the limit of the danger.
 
     Examples
     --------
@@ -115,12 +116,12 @@ class Trajectory:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The n joints."""
+        """The names of the n joints."""
         return self.limits.joint_names
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return self.law.duration
 
     def __repr__(self) -> str:
@@ -128,16 +129,17 @@ class Trajectory:
         return f"Trajectory({self.duration:.3f} s, {self.curve.length:.3g} rad{', caps: ' + caps if caps else ''})"
 
     def __str__(self) -> str:
-        """Say in a line each how long it takes, how long its curve is, and what bounds its speed."""
+        """Return duration, length of the curve, and names of the speed caps, one per line."""
         caps = ", ".join(cap.name for cap in self.caps) or "none"
         return f"duration: {self.duration:.3f} s\nlength: {self.curve.length:.3g} rad\ncaps: {caps}"
 
     _repr_html_ = notebook_html
 
     def at(self, time: float | ArrayLike) -> State:
-        """Return the state at a time [s], or at times (T,); at rest before the start and after the end.
+        """Return the state at a time [s], or at times (T,). The robot rests before the start and after the end.
 
-        Where the acceleration jumps, between two cells, that of the later one. An InputError if a time is no number.
+        Where the acceleration jumps between two cells, the value of the later cell is returned. Raises InputError if a
+        time is NaN.
         """
         _, place, rate, acceleration = self._places(time)
         state = State(place.q, place.dq_ds * rate, place.dq_ds * acceleration + place.d2q_ds2 * (rate * rate))
@@ -146,7 +148,7 @@ class Trajectory:
     def jerks_at(self, time: float | ArrayLike) -> FloatArray:
         """Return the jerk of the joints, (n,) or (T, n) [rad/s³ or m/s³], at a time or at times (T,) [s].
 
-        An InputError if the trajectory was made without a limit of it, as it has impulses then; or as `at`.
+        Raises InputError as `at`, or if the jerk was not limited, because the acceleration then jumps.
         """
         if not isinstance(self.law, SmoothLaw):
             raise InputError("the jerk of the trajectory is not limited: give RateLimits a jerk")
@@ -156,7 +158,7 @@ class Trajectory:
         return jerks if np.ndim(time) else jerks[0]
 
     def _places(self, time: float | ArrayLike) -> tuple[FloatArray, CurvePoints, FloatArray, FloatArray]:
-        """Return times (T,), the places on the curve then, and ṡ and s̈ (T, 1)."""
+        """Return times (T,), the points on the curve at these times, and ṡ and s̈ (T, 1)."""
         times = np.atleast_1d(float_array(time, (None,) if np.ndim(time) else (), "time"))
         if np.isnan(times).any():
             raise InputError("time must be a number of seconds, got nan")
@@ -166,17 +168,17 @@ class Trajectory:
         return times, place, rate[:, None], acceleration[:, None]
 
     def points(self, rate: float = RATE) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """Return times (T,) [s], and positions and velocities then, (T, n), as controllers take them.
+        """Return times (T,) [s] and positions and velocities (T, n) for a controller.
 
-        With a limit of the jerk there are accelerations, too. The cubics, or quintics, through these points keep all
-        limits of the joints, which is proven (`safe_ompl.motions.trajectory`). For that points are not quite even,
-        and may be passed a little later than by `at`: by 0.1 % in most cases. There are `rate` of them in a second at
-        least [Hz]; an InputError if that is not positive.
+        If the jerk is limited, accelerations are returned, too. The cubics (or quintics) through these points are
+        proven to keep all joint limits (`safe_ompl.motions.trajectory`). Therefore the points are not quite even, and
+        may be reached later than by `at`, by 0.1 % in most cases. There are at least `rate` points per second [Hz].
+        Raises InputError if `rate` is not positive.
         """
         number("rate", rate, above=0.0, kind="number of points per second")
         smooth = isinstance(self.law, SmoothLaw)
         edges, knots = self.law.edges, self.law.knots
-        # The jerk jumps between pieces of the curve, too.
+        # The jerk also jumps between pieces of the curve.
         pieces = np.searchsorted((edges[1:] + edges[:-1]) / 2, self.curve.times[:-1])
         knots = np.unique(np.append(knots, self.law.times[pieces]))
         knots = knots[(np.diff(knots, prepend=0.0) > _EQUAL_TIMES) & (knots < self.duration - _EQUAL_TIMES)]
@@ -190,11 +192,12 @@ class Trajectory:
         return times, dict(zip(kinds, states, strict=True))
 
     def stop_from(self, time: float) -> Trajectory:
-        """Return the stop on the path that begins at a time [s]: what is proven to end before anyone is reached.
+        """Return the stop on the path that begins at a time [s] and is proven to end before a person is reached.
 
-        It decelerates by the least of `brakes` from where it begins to where it is; where the jerk is limited the plan
-        does, of which the motion is the average (`safe_ompl.motions.time_law`), and the jerk keeps its limits. An
-        InputError if there is no such stop, for the trajectory was made without people; or the time is not one.
+        At each position the deceleration is the least of `brakes` from the beginning of the stop. If the jerk is
+        limited, this holds for the plan, whose moving average is the motion (`safe_ompl.motions.time_law`), and the
+        jerk keeps its limits. Raises InputError if the trajectory was made without people, or if the time is not in [0,
+        duration].
         """
         if self.brakes is None:
             raise InputError("the trajectory was computed without people, so it has no stops")
@@ -202,15 +205,15 @@ class Trajectory:
         cell, at, rate = self.law.planned(begin)
         brakes = np.minimum.accumulate(self.brakes[cell:])
         free = np.full(len(brakes) + 1, np.inf)
-        # Full braking from the beginning of a tick of no length on.
+        # An empty first tick makes the robot brake fully from the beginning.
         _, edges, squared_speeds, _ = drive(self.law.edges[cell:], free[1:], brakes, free, at, rate * rate, -1.0, 0.0)
-        if len(edges) == 1:  # it stands already
+        if len(edges) == 1:  # the robot is at rest
             edges, squared_speeds = edges.repeat(2), np.zeros(2)
         law = self.law.stopped(begin, edges, squared_speeds)
         return Trajectory(self.curve, law, self.limits)
 
     def binding(self) -> tuple[str | None, ...]:
-        """Return for each cell the name of the cap that its speed reaches, if any; elsewhere accelerations bind."""
+        """Return for each cell the name of the cap that the speed reaches, or None where acceleration limits bind."""
         squared_speeds = self.law.plan_squared_speeds if isinstance(self.law, SmoothLaw) else self.law.squared_speeds
         fastest = np.sqrt(np.maximum(squared_speeds[1:], squared_speeds[:-1]))
         names: list[str | None] = [None] * len(fastest)
@@ -221,27 +224,23 @@ class Trajectory:
         return tuple(names)
 
     def danger(self, field: KinetostaticField) -> MotionDanger:
-        """Return the danger of the robot in motion: over time, its mean, its peak, and a proven bound of the peak.
-
-        An InputError if a callable gives the danger points.
-        """
+        """Return the danger of the moving robot over time, with mean, peak, and a proven bound of the peak."""
         return motion_danger(self.curve, self.law, field)
 
     def as_dict(self, rate: float = RATE) -> dict[str, Any]:
-        """Return the trajectory in the shape of ROS's `JointTrajectory`, with duration, limits and caps besides.
+        """Return the trajectory in the format of ROS's `JointTrajectory`, with duration, limits and caps added.
 
         Parameters
         ----------
         rate : float
-            Points per second at least [Hz]; see `points`.
+            Minimum number of points per second [Hz]; see `points`.
 
         Returns
         -------
         dict
             ``joint_names``; ``points``, each with ``time_from_start`` [s], ``positions`` and ``velocities``, and
-            ``accelerations`` where the jerk is limited; ``duration``; ``limits`` with ``velocity`` and
-            ``acceleration`` by joint; ``caps``, each with its ``name`` and ``least``, the least speed along the path
-            that it allows (None: any).
+            ``accelerations`` if the jerk is limited; ``duration``; ``limits`` with ``velocity`` and ``acceleration`` by
+            joint; ``caps``, each with its ``name`` and ``least``, the smallest allowed path velocity (None: no limit).
         """
         times, states = self.points(rate)
         rows = zip(*(values.tolist() for values in states.values()), strict=True)
@@ -268,12 +267,12 @@ def points_within(
     limits: RateLimits,
     rate: float,
 ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
-    """Return times (T,) [s] of points, whole nanoseconds, and the states there; they are proven to keep the limits.
+    """Return times (T,) [s] and states of points whose interpolation is proven to keep the limits.
 
-    `at` returns positions and velocities, and accelerations for quintics, each (S, n), at times (S,) of the motion. At
-    `knots: (K,)`, its ends among them, its acceleration, or its jerk, jumps by `jumps`, in limits. There are `rate`
-    points in a second at least. An ArithmeticError where rounding is larger than the limits: of points in less than
-    nanoseconds.
+    Times are whole nanoseconds. `at` returns positions and velocities, and accelerations for quintics, each (S, n), at
+    times (S,) of the motion. At `knots: (K,)`, which include its ends, the acceleration (or jerk) jumps by `jumps`, as
+    shares of the limits. There are at least `rate` points per second. Raises ArithmeticError if rounding exceeds the
+    limits, which happens for points less than nanoseconds apart.
     """
     fixed = knots[[0, -1]]
     inside = np.abs(knots - fixed.mean()) < np.ptp(fixed) / 2 - _LEAST_END_INTERVAL / rate
@@ -306,15 +305,15 @@ def points_within(
 def _slower(
     at: Callable[[FloatArray], tuple[FloatArray, ...]], places: FloatArray, factor: float
 ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
-    """Return when places (T,) [s] of the motion are passed if that takes longer by a factor, and the states there."""
+    """Return times (T,) [s] of the points if the motion is slowed down by a factor, and the states then."""
     times = np.round(factor * places / _NANOSECOND) * _NANOSECOND
-    # The last time is after the end of the motion, where the robot is at rest.
+    # The last query is after the end of the motion, where the robot is at rest.
     asked = np.append(times[:-1] / factor, places[-1] + 1.0)
     return times, tuple(values / factor**order for order, values in enumerate(at(asked)))
 
 
 def _excess(times: FloatArray, states: tuple[FloatArray, ...], limits: RateLimits) -> FloatArray:
-    """Return by what factor (T − 1,) the pieces between points are to be slower to keep the limits."""
+    """Return the factors (T − 1,) by which the pieces between points must be slowed down to keep the limits."""
     spans = np.diff(times)[:, None]
     ends = [np.stack([values[:-1], values[1:]], axis=1) for values in states]
     held, rounding = polynomials.hermite(spans[:, 0], *ends, *[None] * (3 - len(ends)))
