@@ -273,6 +273,17 @@ cdef int _check(const double[:, :, ::1] places, const double[:, :, ::1] velociti
     return 0
 
 
+# A skeleton in motion.
+cdef struct Motion:
+    const Skeleton *skeleton
+    # Key points [m] and their velocities [m/s], (K, 3).
+    const double *places
+    const double *velocities
+    # Factors of φ̇ and of I [s].
+    double ahead
+    double spread
+
+
 def link_terms(
     const double[:, :, ::1] places, const double[:, :, ::1] velocities, const Py_ssize_t[:, ::1] links,
     const double[:, ::1] points, bint by_length, bint isotropic,
@@ -308,8 +319,9 @@ def gradients(
     Places and velocities of the key points are (B, K, 3), links (L, 2) pairs of these, points (B or 1, M, 3), and
     weights (B, M).
     """
-    cdef Py_ssize_t B = weights.shape[0], M = weights.shape[1], b, k, p, i, j
-    skeleton_of(links, places, by_length)
+    cdef Py_ssize_t B = weights.shape[0], M = weights.shape[1], b, k, p
+    cdef Skeleton skeleton = skeleton_of(links, places, by_length)
+    cdef Motion motion = Motion(&skeleton, NULL, NULL, ahead, spread)
     _check(places, velocities)
     if places.shape[0] != B or points.shape[0] not in (1, B) or points.shape[1] != M or points.shape[2] != 3:
         raise InputError(f"points must have shape (1 or {B}, {M}, 3), as the weights have rows and columns")
@@ -317,22 +329,32 @@ def gradients(
     cdef double[:, :, :, ::1] out = found
     with nogil:
         for b in range(B):
-            for k in range(links.shape[0]):
-                i, j = links[k, 0], links[k, 1]
+            for k in range(skeleton.L):
+                motion.places, motion.velocities = &places[b, 0, 0], &velocities[b, 0, 0]
                 for p in range(M):
                     _add_gradients(
-                        &places[b, i, 0], &places[b, j, 0], &velocities[b, i, 0], &velocities[b, j, 0],
-                        &points[b if points.shape[0] > 1 else 0, p, 0], weights[b, p], ahead, spread,
-                        by_length, &out[0, b, i, 0], &out[0, b, j, 0], &out[1, b, i, 0], &out[1, b, j, 0],
+                        &motion, k, &points[b if points.shape[0] > 1 else 0, p, 0], weights[b, p], &out[0, b, 0, 0],
+                        &out[1, b, 0, 0],
                     )
     return found
 
 
 cdef void _add_gradients(
-    const double *a, const double *b, const double *va, const double *vb, const double *point, double charge,
-    double ahead, double spread, bint by_length, double *by_a, double *by_b, double *by_va, double *by_vb,
+    const Motion *motion, Py_ssize_t link, const double *point, double charge, double *by_places, double *by_velocities
 ) noexcept nogil:
-    """Add the gradients of a weighted field of one link at one point by the ends a and b and their velocities."""
+    """Add the gradients of the weighted field of a link at a point (3,) by key points and their velocities (K, 3)."""
+    cdef const Skeleton *s = motion.skeleton
+    cdef Py_ssize_t i = 3 * s.links[2 * link], j = 3 * s.links[2 * link + 1]
+    cdef const double *a = motion.places + i
+    cdef const double *b = motion.places + j
+    cdef const double *va = motion.velocities + i
+    cdef const double *vb = motion.velocities + j
+    cdef double *by_a = by_places + i
+    cdef double *by_b = by_places + j
+    cdef double *by_va = by_velocities + i
+    cdef double *by_vb = by_velocities + j
+    cdef double ahead = motion.ahead, spread = motion.spread
+    cdef bint by_length = s.by_length
     cdef double w[3]
     cdef double D[3]
     cdef double u[3]
@@ -534,15 +556,6 @@ cdef void _add_cell_bounds(
         push[0] += swift * (high if swift > 0 else low)
 
 
-# A skeleton whose key points (K, 3) have velocities, and the factors of φ̇ and of I [s].
-cdef struct Motion:
-    const Skeleton *skeleton
-    const double *places
-    const double *velocities
-    double ahead
-    double spread
-
-
 # Balls whose centres are columns (3, stride), that of ball 0 the one at `offset`; radii NULL: points. `tops` is the
 # largest charge of each, and `bounds` takes levels that they do not exceed.
 cdef struct Balls:
@@ -554,20 +567,28 @@ cdef struct Balls:
     double *bounds
 
 
-cdef void _bound(
-    const Motion *motion, const Balls *balls, Py_ssize_t begin, Py_ssize_t end, double *room, Py_ssize_t width,
-    void *memory,
-) noexcept nogil:
-    """Write for each of a run of balls, or of points, a level that it does not exceed.
+# Working memory of `_bound`.
+cdef struct BoundMemory:
+    # Fields of the links, and of the key points distances [m] and ρ·v/‖ρ‖ [m/s], (L + 2K, width).
+    double *rows
+    # The most balls, or points, that are bounded at once.
+    Py_ssize_t width
+    # Memory of `LaneFunctions.potentials`.
+    void *of_lanes
 
-    `room: (L + 2K, width)` is for the work: fields of the links; distances of the key points, and ρ·v/‖ρ‖ there.
-    """
+
+cdef void _bound(
+    const Motion *motion, const Balls *balls, Py_ssize_t begin, Py_ssize_t end, const BoundMemory *memory
+) noexcept nogil:
+    """Write for each of a run of balls, or of points, a level that it does not exceed."""
     cdef const Skeleton *s = motion.skeleton
     cdef const double *places = motion.places
     cdef const double *velocities = motion.velocities
     cdef const double *columns = balls.columns
     cdef double ahead = motion.ahead, spread = motion.spread
-    cdef double *distances = room + width * s.L
+    cdef double *rows = memory.rows
+    cdef Py_ssize_t width = memory.width
+    cdef double *distances = rows + width * s.L
     cdef double *heading = distances + width * s.K
     cdef double *bounds = balls.bounds + begin
     cdef double *d
@@ -579,7 +600,9 @@ cdef void _bound(
     cdef double px, py, pz, vx, vy, vz, ux, uy, uz, distance, squared, growth, first, last, w, length, swift, per_square
     cdef double scale, faster, d1, d2, phi, S, half, level, along, q, t, near, far
     cdef bint stretches
-    lanes.potentials(places, s, columns, balls.stride, first_column, balls.offset + end, room, width, False, memory)
+    lanes.potentials(
+        places, s, columns, balls.stride, first_column, balls.offset + end, rows, width, False, memory.of_lanes
+    )
     for k in range(s.K):
         px, py, pz = places[3 * k], places[3 * k + 1], places[3 * k + 2]
         vx, vy, vz = velocities[3 * k], velocities[3 * k + 1], velocities[3 * k + 2]
@@ -606,7 +629,7 @@ cdef void _bound(
             first, last, growth, per_square = swift, swift, 0.0, 0.0
         stretches = fabs(growth) > RIGID * length * swift
         scale, faster = length if s.by_length else 1.0, last - first
-        d, e, fields = distances + width * i, distances + width * j, room + width * k
+        d, e, fields = distances + width * i, distances + width * j, rows + width * k
         turn, lead = heading + width * i, heading + width * j
         for g in range(count):
             d1, d2 = d[g], e[g]
@@ -684,7 +707,7 @@ def highest(
         raise MemoryError
     cdef double *bounds = room + (s.L + 2 * K) * most
     cdef double *frames = bounds + G + M
-    cdef void *memory = frames + 21 * m
+    cdef BoundMemory memory = BoundMemory(room, most, frames + 21 * m)
     cdef Balls balls = Balls(&columns[0, 0], M + G, M, &radii[0], &heaviest[0], bounds)
     cdef Balls alone = Balls(&columns[0, 0], M + G, 0, NULL, &charges[0], bounds + G)
     cdef Motion motion = Motion(s, NULL, NULL, ahead, spread)
@@ -695,14 +718,14 @@ def highest(
             place_key_points(s.keys, K, frames, frames + 9 * m, &moving[0, b, 0, 0])
             move_joints(s.joints, m, &rates[b, 0] if m else NULL, frames + 9 * m, frames + 12 * m, frames + 15 * m)
             key_point_velocities(s.keys, K, frames + 15 * m, &moving[0, b, 0, 0], &moving[1, b, 0, 0])
-            out[b] = _highest_level(&motion, &balls, &alone, &begins[0], G, room, most, memory, &best[b])
+            out[b] = _highest_level(&motion, &balls, &alone, &begins[0], G, &memory, &best[b])
     free(room)
     return levels, chosen, motions[0], motions[1]
 
 
 cdef double _highest_level(
-    const Motion *motion, Balls *balls, Balls *alone, const Py_ssize_t *begins, Py_ssize_t G, double *room,
-    Py_ssize_t width, void *memory, Py_ssize_t *best,
+    const Motion *motion, Balls *balls, Balls *alone, const Py_ssize_t *begins, Py_ssize_t G,
+    const BoundMemory *memory, Py_ssize_t *best,
 ) noexcept nogil:
     """Return the largest level at one configuration, and write of which point."""
     cdef Py_ssize_t group, first, last, point, x
@@ -710,14 +733,14 @@ cdef double _highest_level(
     cdef double place[3]
     cdef Terms terms
     best[0] = 0
-    _bound(motion, balls, 0, G, room, width, memory)
+    _bound(motion, balls, 0, G, memory)
     while True:
         group = _highest(balls.bounds, 0, G)
         if balls.bounds[group] <= peak:
             return peak
         balls.bounds[group] = -INFINITY
         first, last = begins[group], begins[group + 1]
-        _bound(motion, alone, first, last, room, width, memory)
+        _bound(motion, alone, first, last, memory)
         while True:
             point = _highest(alone.bounds, first, last)
             if alone.bounds[point] <= peak:
