@@ -1,4 +1,4 @@
-"""People as sensors see them: skeletons of key points, tracking, and where a body may soon be."""
+"""Live data about people: skeletons of key points, tracking, and the sets that a body can reach within a time."""
 
 import lazy_loader
 

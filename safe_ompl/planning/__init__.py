@@ -1,4 +1,4 @@
-"""SafeSetup, OMPL's SimpleSetup for a robot in a scene; and the results of planning."""
+"""Planning: `SafeSetup`, an OMPL SimpleSetup for a robot in a scene, and the results of planning."""
 
 import lazy_loader
 

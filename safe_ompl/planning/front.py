@@ -1,4 +1,4 @@
-"""What safety costs: a front of proven paths between the shortest and the least dangerous one."""
+"""The Pareto front of length and danger: proven paths between the shortest and the least dangerous path."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ _SAFER = 0.005
 
 @dataclass(frozen=True, eq=False)
 class Tradeoff:
-    """Proven paths from the shortest to the least dangerous one; false if there is none.
+    """Proven paths from the shortest to the least dangerous one; false if there is no path.
 
-    From each to the next the length grows, and the mean danger falls by 0.5 % at least; ∫ CDF² ds falls, too.
+    From each path to the next the length grows, ∫ CDF² ds falls, and the mean danger falls by at least 0.5 %.
 
     Attributes
     ----------
     results : tuple of PlanResult
-        The paths with their reports; planner and seed are those of the start that they come from.
+        The paths with their reports. Planner and seed are those of the start from which a path was simplified.
     weights : tuple of float
-        Of danger against length, rising: the least one that each path is best for.
+        For each path the smallest weight of danger against length for which it is the best path, in rising order.
     interrupted : bool
         Whether Ctrl-C ended the search.
 
@@ -70,29 +70,30 @@ class Tradeoff:
 
 
 def tradeoff(setup: SafeSetup, weights: Sequence[float] = _WEIGHTS, *, time: float = 10.0, seed: int = 0) -> Tradeoff:
-    """Return a front of proven paths between the shortest and the least dangerous one.
+    """Compute the Pareto front of length and danger as proven paths.
 
-    For each weight w it is the path of least J = L + w·D, length and ∫ (CDF/reference)² ds, among all that are found
-    for any of them. Six starts are simplified for the first, the middle and the last weight; then each weight goes on
-    from the path that is best for it, until none gains. This does not depend on the clock, unless the time is up.
+    For each weight w the front has the path of least J = L + w·D of all paths found for any weight. L is the length and
+    D = ∫ (CDF/reference)² ds. Paths of six starts are simplified for the first, the middle and the last weight. Then
+    the best path of each weight is simplified again, until no cost falls. The result does not depend on the speed of
+    the machine, unless the time runs out.
 
     Parameters
     ----------
     setup : SafeSetup
-        With start and goals. All paths keep to its constraints, and from obstacles as its simplification says.
+        A setup with start and goals. All paths satisfy its constraints and the obstacle cost of its simplification.
     weights : sequence of float
-        Of danger against length, in [0, 1e6]; see `Simplifier`.
+        Weights of danger against length, in [0, 1e6]; see `Simplifier`.
     time : float
-        Limit [s] in all.
+        Time limit [s] of the whole search.
     seed : int
-        Of the first start; each has the next one.
+        Seed of the first start; the seeds of later starts are consecutive.
 
     Raises
     ------
     InputError
-        A weight, time or seed that cannot be used; a setup that plans without danger, or lacks start or goal.
+        If a weight, the time or the seed is invalid; if the setup plans without danger, or has no start or goal.
     KeyboardInterrupt
-        On Ctrl-C before there is a path. Later the front is that of the paths so far.
+        On Ctrl-C before a path is found. Later, Ctrl-C ends the search, and the front of the paths so far is returned.
     """
     setup, seed = instance("setup", setup, SafeSetup), checked_seed(seed)
     time = number("time limit", time, above=0.0, kind="number of seconds")
@@ -110,7 +111,7 @@ def tradeoff(setup: SafeSetup, weights: Sequence[float] = _WEIGHTS, *, time: flo
 
 
 class _FoundPath(NamedTuple):
-    """A proven path: its length with the obstacle cost, D, length and mean danger, and all else."""
+    """A proven path: its length plus obstacle cost, D, its length [rad], its mean danger, and its result."""
 
     way: float
     danger: float
@@ -123,7 +124,7 @@ class _FoundPath(NamedTuple):
 
 
 class _FrontSearch:
-    """All paths found; each weight goes on from the one that is best for it."""
+    """The search of `tradeoff`: all paths found, and for each weight the simplification of its best path."""
 
     def __init__(self, setup: SafeSetup, weights: Sequence[float], time: float) -> None:
         self._setup, self._over, self._half_over = setup, timed(time), timed(0.5 * time)
@@ -134,14 +135,14 @@ class _FrontSearch:
         self.found: list[_FoundPath] = []
 
     def start(self, time: float, seed: int) -> None:
-        """Plan the starts, until half of the time [s] is over and there is one."""
+        """Plan up to six starts, until half of the time [s] is over and at least one path is found."""
         for k, planner in enumerate(islice(cycle(_PLANNERS), _STARTS)):
             if self._over() or (self.found and self._half_over()):
                 break
             self._add(self._setup.plan(planner, time=0.5 * time if self.found else time, seed=(seed + k) % 2**32))
 
     def improve(self) -> None:
-        """Simplify the starts for some weights, then for each weight the best path, with ever more way points."""
+        """Simplify the starts for three weights, then for each weight its best path, with finer and finer spacing."""
         weights = list(self._simplifiers)
         for start in tuple(self.found):
             for weight in (weights[0], weights[len(weights) // 2], weights[-1]):
@@ -159,9 +160,9 @@ class _FrontSearch:
     def front(self) -> list[tuple[float, _FoundPath]]:
         """Return the paths of the front with their weights.
 
-        Of the best paths for two weights, that for the larger one has no larger D and costs no less without it: add
-        W₁ + w₁D₁ ≤ W₂ + w₁D₂ and W₂ + w₂D₂ ≤ W₁ + w₂D₁. Paths that are hardly safer are left out, and those that are
-        longer for their nearness to obstacles alone.
+        Let W be the cost without danger. For weights w₁ < w₂ the best paths have D₂ ≤ D₁ and W₂ ≥ W₁: add the
+        inequalities W₁ + w₁D₁ ≤ W₂ + w₁D₂ and W₂ + w₂D₂ ≤ W₁ + w₂D₁. A path is left out if it is hardly safer than the
+        one before, or if a path for a larger weight is both shorter and safer.
         """
         front = list[tuple[float, _FoundPath]]()
         for weight in sorted(self._simplifiers) if self.found else ():
@@ -182,7 +183,7 @@ class _FrontSearch:
             self.found.append(_FoundPath(way, danger, report.length, report.danger.mean, result))
 
     def _simplify(self, found: _FoundPath, weight: float, refinement: int) -> None:
-        """Simplify a path for a weight, unless that was done."""
+        """Simplify a path for a weight, unless this was done before."""
         parent, step = found.result, (weight, refinement, id(found.result))
         if parent.path is None or step in self._tried or self._over():
             return

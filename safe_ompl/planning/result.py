@@ -16,13 +16,13 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 _TIMES = ("setup_time", "planning_time", "simplification_time", "report_time")
-# These attributes stand in the JSON of a result as they are.
+# `as_dict` copies these attributes unchanged.
 _TOLD = ("planner", "seed", "status", "solved", *_TIMES)
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """A path that was better than all before it: when it was found [s], and its cost."""
+    """A path that costs less than all earlier paths of the run: the time at which it was found [s], and its cost."""
 
     time: float
     cost: float
@@ -30,40 +30,41 @@ class Improvement:
 
 @dataclass(frozen=True)
 class PlanResult:
-    """Outcome of one planning run; true if solved.
+    """Result of one planning run; true if solved.
 
     Attributes
     ----------
     status : str
-        OMPL's word for the outcome: "Exact solution", "Timeout", …
+        OMPL's name of the status: "Exact solution", "Timeout", …
     path : ndarray, shape (N, n), or None
-        Way points from start to goal [rad or m], validated. Continuous joints count turns: numbers do not jump at ±π.
+        Validated way points from start to goal [rad or m]. Angles of continuous joints do not jump at ±π.
     report : PathReport or None
-        What is proven of the path, and its danger, clearance and length, computed when they are looked at.
+        The proof of the path, and its danger, clearance and length, which are computed on first use.
     planner, seed : str, int
         Name of the planner, and seed of the run.
     joint_names : tuple of str
-        Columns of the path.
+        Names of the columns of the path.
     setup_time, planning_time, simplification_time, validation_time : float
-        [s] Until planning began, until the first path, to make it better, and to validate it: together the whole.
+        Durations of setup, of planning up to the first path, of simplification or optimisation, and of validation [s].
+        Their sum is the duration of the whole run.
     counts : Counts
-        Work done while planning and simplifying, validation and report not included.
+        Queries and nodes of planning and simplification, without validation and report.
     improvements : tuple of Improvement
-        Of an optimisation: each path that was better than those before.
+        With `optimise`: each path that costs less than all earlier ones.
     ways : tuple of float
-        What each way that `ways="all"` told apart costs by the setup's objective, the way of `path` first; by default
-        the objective is the integral of danger [field · rad].
+        With `ways="all"`: the cost of each distinct way by the setup's objective, the way of `path` first. The default
+        objective is the integral of danger [field · rad].
     repaired : str
-        Where the planner was a function: what became of its path, "unchanged" or how it was repaired.
+        If the planner is a function: "unchanged", or how its path was repaired.
     interrupted : bool
-        Whether Ctrl-C ended simplification or optimisation: the path is the best so far.
+        Whether Ctrl-C ended simplification or optimisation; the path is then the best one so far.
     planned_path : ndarray, shape (M, n), or None
-        The path as the planner found it, where it was simplified.
+        The path before simplification; None if it was not simplified.
     moving_obstacles : mapping or None
-        Where some may move, their ``speeds`` [m/s] by name, and for how long, the ``time`` [s]: the path is free
-        whatever they do.
+        The obstacles that may move: their ``speeds`` [m/s] by name, and the ``time`` [s] for which the path is free,
+        however they move within these speeds.
     robot, scene, danger, motion : Robot, Scene, mapping, MotionProver; or None
-        What was planned for, and what proved the path; results that come from other processes have none.
+        The inputs of the run, and the prover of the path. They are None in results from other processes.
 
     Examples
     --------
@@ -97,8 +98,8 @@ class PlanResult:
     def timed(self, limits: motions.RateLimits | None = None, **options: Any) -> motions.Trajectory:
         """Return the path as a trajectory; parameters and errors of `time_path`.
 
-        An InputError if there is no path, or the result comes from another process, where only `time_path` helps; a
-        StaleSceneError if obstacles have moved since.
+        Raises InputError if there is no path, or if the result comes from another process (then call `time_path`), and
+        StaleSceneError if obstacles have moved since planning.
         """
         if self.path is None:
             raise InputError(f"there is no path to time: {self.status}")
@@ -111,9 +112,9 @@ class PlanResult:
         return motions.time_path(self.path, self.motion.checker.robot, limits, motion=self.motion, **options)
 
     def danger_field(self) -> DangerField:
-        """Return the danger field that was planned with; `KinetostaticField` has that of the robot in motion.
+        """Return the danger field of the run, for a robot at rest; `KinetostaticField` is for a robot in motion.
 
-        An InputError if the plan knew no danger, or the result comes from another process.
+        Raises InputError if the path was planned without danger, or if the result comes from another process.
         """
         if self.robot is None or self.scene is None or self.danger is None:
             raise InputError("the result has no danger field: it was planned without one, or in another process")
@@ -121,12 +122,12 @@ class PlanResult:
 
     @property
     def report_time(self) -> float:
-        """What validation took, and danger and clearance as far as they were looked at [s]."""
+        """The time that validation took, and danger and clearance if they were computed [s]."""
         return self.validation_time + (self.report.time if self.report is not None else 0.0)
 
     @property
     def certified(self) -> bool:
-        """Whether there is a path, every edge is proven free, and no check of the user's own refuses it."""
+        """Whether there is a path, every edge is proven free, and the user's checker accepts the path."""
         return self.report is not None and self.report.certified
 
     @property
@@ -142,7 +143,7 @@ class PlanResult:
         return f"PlanResult({self.status!r}, {points}, {self.planner!r}, seed={self.seed})"
 
     def __str__(self) -> str:
-        """Say in five lines what came of it: outcome, times, length and danger, clearance, proof; repairs, ways."""
+        """Return a summary: status, times, length and danger, clearance, proof; and repairs and ways, if any."""
         seconds = f"planned in {self.planning_time:.3f} s"
         if self.simplification_time:
             seconds += f", simplified in {self.simplification_time:.3f} s"
@@ -163,11 +164,11 @@ class PlanResult:
     _repr_html_ = notebook_html
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what travels to other processes: a robot would be built anew with every result."""
+        """Return the state for pickling, without the robot: unpickling would build it again for every result."""
         return {**vars(self), "robot": None, "scene": None, "danger": None, "motion": None}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the result as plain numbers, lists and strings, in the form of the command line's JSON."""
+        """Return the result as a dict of plain values, which the command line writes as JSON."""
         keys = ("length", "danger", "clearance", "validation", "links_without_collision")
         report = {**dict.fromkeys(keys), "certified": False} if self.report is None else self.report.as_dict()
         told = {

@@ -1,4 +1,4 @@
-"""One run of a planner: plan, simplify or search on for the best path, and validate what comes of it."""
+"""One run of a planner: plan, simplify or optimise the path, and validate the result."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _log = logging.getLogger(__name__)
 
 # A planner gets at least this time.
 _LEAST_TIME = 1e-3  # [s]
-# The best path is refined after this many starts in a row without a better path.
+# The best path is refined if this many consecutive starts find no better path.
 _STALE_STARTS = 4
 # A path counts as better if it reduces the cost by more than this share.
 _BETTER_SHARE = 1e-3
-# Each refinement halves the spacing of the one before.
+# A refinement halves the spacing of the way points; there are at most this many refinements.
 _SPACING_HALVINGS = 3
 
 Search = Callable[[int, float], FloatArray | None]
@@ -43,9 +43,10 @@ Search = Callable[[int, float], FloatArray | None]
 
 @contextmanager
 def noted_ctrl_c() -> Iterator[list[int]]:
-    """Yield a list that is empty until Ctrl-C comes while the block runs, which is handled as it was before.
+    """Yield a list that gets an entry at each Ctrl-C during the block; the previous handler runs as before.
 
-    Used where the best result so far is returned and no exception is raised; in the main thread only, as Python has it.
+    Callers use it to return the best result so far. Python handles signals in the main thread only; in other threads
+    the list stays empty.
     """
     noted, before = list[int](), signal.getsignal(signal.SIGINT)
     if not callable(before) or current_thread() is not main_thread():
@@ -74,17 +75,17 @@ def stopping(time: Any) -> Stop:
 
 @dataclass(eq=False, repr=False)
 class Optimisation:
-    """The best path so far, and those that were best before; and when there was a path at all [s]."""
+    """The paths (N, n) that were best in turn, with the times [s] at which they and the first path were found."""
 
     times: list[float]
     paths: list[FloatArray]
     first_path: float | None = None
 
     def settled(self, simplifier: Simplifier) -> tuple[FloatArray | None, tuple[Improvement, ...]]:
-        """Return the best path, if there is one, and what it and those that were best before it cost, in order.
+        """Return the best path, or None, and the improvements in order.
 
-        While paths descend, their cost is known for the danger points near them alone; here it is that of all points,
-        and a path that is not better than those before is left out.
+        During the descent the cost of a path covers only the danger points near it. Here the cost covers all danger
+        points, and a path that costs no less than an earlier one is left out.
         """
         best, found = None, list[Improvement]()
         for time, path in zip(self.times, self.paths, strict=True):
@@ -96,7 +97,7 @@ class Optimisation:
 
 
 def told(name: str, seconds: float, stop: Stop) -> Stop:
-    """Return the same `stop`, which in notebooks also says on one line how much of the time [s] is over."""
+    """Return `stop`; in notebooks the returned predicate also prints which share of the time [s] has passed."""
     if "ipykernel" not in sys.modules:
         return stop
     begin, said = perf_counter(), -1
@@ -113,11 +114,11 @@ def told(name: str, seconds: float, stop: Stop) -> Stop:
 
 
 def optimise(search: Search, simplifier: Simplifier, seconds: float, stop: Stop | None = None) -> Optimisation:
-    """Look for the cheapest path until the time [s] is up, or `stop` says so.
+    """Search for the cheapest path until the time [s] is over or `stop` is true.
 
-    Every start is a new path of the planner, simplified; `search` plans: from a number that is another one for every
-    start, and a time limit [s], to a path (N, n) or None. When several starts in a row have found nothing better, the
-    best path is refined: more way points, smaller gains. Ctrl-C ends it early; what was found stands.
+    Each start plans a new path by `search` and simplifies it. `search` takes the number of the start and a time limit
+    [s], and returns a path (N, n) or None. If several consecutive starts find no better path, the best path is refined
+    with more way points and smaller gains. Ctrl-C ends the search; the paths found so far are returned.
     """
     begin, over, found = perf_counter(), simplification.timed(seconds, stop), Optimisation([], [])
     best, stale, refinement, start = np.inf, 0, 0, 0
@@ -150,14 +151,14 @@ def optimise(search: Search, simplifier: Simplifier, seconds: float, stop: Stop 
 
 
 class _Starts:
-    """Starts of one run: `search` plans again and again, and `status` and `nodes` say what came of all of them."""
+    """The starts of one run; `status` is OMPL's status of the run and `nodes` the number of nodes of all starts."""
 
     def __init__(self, setup: SafeSetup, planner: Any, seed: int) -> None:
         self._setup, self._planner, self._seed = setup, planner, seed
         self.status, self.nodes, self._solved = "Timeout", 0, False
 
     def search(self, start: int, left: float) -> FloatArray | None:
-        """Plan for the time [s] that is left; the number of the start is added to the seed."""
+        """Plan with the seed plus the number of the start, for at most the time `left` [s]; return a path or None."""
         setup = self._setup
         if start:
             setup.clear()
@@ -173,13 +174,13 @@ class _Starts:
 
 
 class PlanningRun:
-    """One run of a planner that `SafeSetup.prepare` has made ready; `name` is what the result calls it."""
+    """One run of a planner that `SafeSetup.prepare` has prepared; `name` is the planner's name in the result."""
 
     def __init__(self, setup: SafeSetup, planner: Any, name: str, seed: int) -> None:
         self._setup, self._planner, self.name, self._seed = setup, planner, name, seed
 
     def planned(self, time: float, simplification: float | None = None) -> PlanResult:
-        """Plan once, and simplify for a duration [s] if one is given, 0 for as long as the time limit allows."""
+        """Plan once; then simplify for `simplification` [s], or for 0 up to the time limit, or not at all for None."""
         setup, begin = self._setup, perf_counter()
         before = replace(setup.counts)
         status = setup.solve(time)
@@ -197,7 +198,7 @@ class PlanningRun:
         return self._result(before, nodes_of(self._planner), planned - begin, simplified, found)
 
     def optimised(self, time: float, stop: Stop) -> PlanResult:
-        """Plan again and again until the time is up, and keep the best path; see `optimise`."""
+        """Plan again and again until the time [s] is over, and return the best path; see `optimise`."""
         setup, begin = self._setup, perf_counter()
         before, simplifier, starts = replace(setup.counts), setup.simplifier, _Starts(setup, self._planner, self._seed)
         found = optimise(starts.search, simplifier, time - (perf_counter() - begin), stop)
@@ -212,9 +213,9 @@ class PlanningRun:
         return self._result(before, starts.nodes, first, elapsed - first, said)
 
     def every_way(self, time: float, simplifier: Simplifier, seconds: float, interrupted: Stop) -> PlanResult:
-        """Look for ways that differ, and return the one that costs least; see `WaySearch`.
+        """Search for distinct ways, and return the way of least cost; see `WaySearch`.
 
-        The time [s] is for all of it; no path is simplified for longer than some seconds.
+        The time [s] limits the whole search; `seconds` limits the simplification of each path.
         """
         setup, begin = self._setup, perf_counter()
         ways = WaySearch(setup, simplifier, seconds, simplification.timed(time, interrupted))
@@ -241,7 +242,7 @@ class PlanningRun:
     def _result(
         self, before: Counts, nodes: int, planning_time: float, simplification_time: float, found: dict[str, Any]
     ) -> PlanResult:
-        """Return what was found, with times [s] and the work done since the counts were `before`."""
+        """Return a PlanResult with times [s] and the differences of the counts from `before`."""
         counts = self._setup.counts - before
         counts.nodes = nodes
         return PlanResult(
@@ -260,10 +261,10 @@ class PlanningRun:
 def best_start(
     setup: SafeSetup, plan: Callable[[int], PlanResult], seeds: Sequence[int], workers: int, interrupts: list[int]
 ) -> PlanResult:
-    """Plan with each seed; return the result whose path costs least by the setup's objective, of equal ones the first.
+    """Plan with each seed, and return the first result of least cost by the setup's objective.
 
-    The setup gets this path, and keeps nothing else of any start. Several workers are as many processes. Ctrl-C ends it
-    early: the best path so far stands, or else it is raised.
+    The path becomes the setup's solution; all other data of the starts are cleared. `workers` is the number of
+    processes. On Ctrl-C the best result so far is returned; KeyboardInterrupt if there is no result yet.
     """
     results = list[PlanResult]()
 
@@ -294,7 +295,10 @@ def best_start(
 
 
 def validated(setup: SafeSetup, result: PlanResult, begin: float) -> PlanResult:
-    """Return a result with the report on its path; a PlanningError if it is not proven, or leads elsewhere."""
+    """Return the result with a report; a PlanningError if the path is not proven or does not lead from start to goal.
+
+    `begin` is the time at which the call of `plan` began [s].
+    """
     path = result.path
     setup_time = perf_counter() - begin - result.planning_time - result.simplification_time
     begin, report = perf_counter(), None

@@ -1,4 +1,4 @@
-"""SafeSetup: OMPL's SimpleSetup for a robot in a scene, with constraints, danger, proofs and reports; and `repair`."""
+"""`SafeSetup`, OMPL's SimpleSetup with constraints, danger, proofs and reports; and `repair` for given motions."""
 
 from __future__ import annotations
 
@@ -68,24 +68,24 @@ UP = (0.0, 0.0, 1.0)
 class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
     """An `og.SimpleSetup` with the robot's joint space, certified motions and the danger objective.
 
-    Everything that OMPL's SimpleSetup does works as usual; `plan` is a short cut that also reports. Every path keeps to
-    the constraints that are set, whichever planner plans it, and this is proven along whole motions. A constraint that
-    the start or all goals break is refused: a CollisionError says why, and all stays what it was.
+    All methods of OMPL's SimpleSetup work as usual. `plan` plans in one call and returns a report with the path. Every
+    path satisfies the constraints that are set, whichever planner found it, and this is proven along whole motions. If
+    the start or all goals violate a new constraint, a CollisionError says why, and the setup is unchanged.
 
     Parameters
     ----------
     robot, scene : Robot, Scene
         The robot, and the obstacles.
     danger : mapping or None
-        Options of `DangerField` (aggregate, weighting, …) and `spacing` of the danger points [m]. Where no obstacle is
-        dangerous, danger is zero. None plans without danger.
+        Options of `DangerField` (aggregate, weighting, …) and `spacing` of the danger points [m]. If no obstacle is
+        dangerous, the danger is zero everywhere. None: plan without danger.
     movable : sequence of str
-        Names of obstacles that will move, so that `moveObstacle` is quick from the first time on.
+        Names of obstacles that will move. `moveObstacle` is then fast from its first call on.
 
     Attributes
     ----------
     counts, field : Counts, DangerField or None
-        Queries and field evaluations so far, and the danger.
+        Numbers of queries and field evaluations so far, and the danger field.
 
     Examples
     --------
@@ -106,7 +106,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         counts = Counts()
         checker = CollisionChecker(robot, scene, counts, movable=movable)
         super().__init__(joint_space(robot))
-        # LOG_DEBUG is OMPL's default, so nobody asked for these lines.
+        # LOG_DEBUG is OMPL's default level. A user who chose another level keeps it.
         if ou.getLogLevel() == ou.LogLevel.LOG_DEBUG:
             ou.setLogLevel(ou.LogLevel.LOG_WARN)
         si = self.getSpaceInformation()
@@ -123,18 +123,18 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         if self.field is not None:
             self.setOptimizationObjective(DangerObjective(si, self.field))
 
-    # OMPL's own `repr` would ask thousands of queries.
+    # The `repr` of OMPL's SimpleSetup would make thousands of collision queries.
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.robot!r}, {self.scene!r})"
 
     @property
     def checker(self) -> CollisionChecker:
-        """Robot against scene."""
+        """The collision checker of the robot in the scene."""
         return self.validity.checker
 
     @property
     def motion_prover(self) -> MotionProver:
-        """What proves motions under the constraints that are set now."""
+        """The prover of motions under the constraints that are set now."""
         return self.validator.motion
 
     # -------------------------------------------------------------------------------------------------------- the scene
@@ -145,11 +145,11 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         return self.checker.scene
 
     def addObstacle(self, obstacle: Obstacle) -> None:
-        """Put one more obstacle into the scene; errors as `setScene`, and an InputError where its name is taken."""
+        """Add an obstacle to the scene; errors as `setScene`, and an InputError if its name is already used."""
         self.setScene(self.scene.with_obstacles(obstacle))
 
     def removeObstacle(self, name: str) -> None:
-        """Take an obstacle out of the scene; raise UnknownNameError if there is none of that name."""
+        """Remove an obstacle from the scene; raise UnknownNameError if no obstacle has the name."""
         self.setScene(self.scene.without(name))
 
     def moveObstacle(self, name: str, place: Any) -> None:
@@ -161,12 +161,12 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         self.setScene(self.scene.moved(places))
 
     def setScene(self, scene: Scene) -> None:
-        """Plan in another scene from here on, under all constraints that are set.
+        """Replace the scene; all constraints stay set.
 
-        Where only places of obstacles differ that were `movable`, or have moved before, it takes a millisecond. The
-        solution and what the planner has built are forgotten; start and goals are checked when planning begins. An
-        InputError if it is no scene, an UnknownNameError if a constraint is about an obstacle that it does not have:
-        then the scene stays what it was.
+        The call takes about a millisecond if only poses of obstacles differ that are `movable` or have moved before.
+        The solution and the planner's data are cleared. Start and goals are checked when planning begins. Raises
+        InputError if `scene` is no Scene, and UnknownNameError if a constraint names an obstacle that the new scene
+        lacks; the old scene is then kept.
         """
         instance("scene", scene, Scene)
         try:
@@ -185,15 +185,15 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
     # ------------------------------------------------------------------------------------------------------ constraints
 
     def getConstraints(self) -> Constraints:
-        """Return what every path must keep to besides joint limits and collision."""
+        """Return the constraints that every path must satisfy besides joint limits and collision."""
         return self.validity.getConstraints()
 
     def setConstraints(self, constraints: Constraints) -> None:
-        """Set all constraints at once; where that fails they stay what they were.
+        """Replace all constraints; on an error the old constraints are kept.
 
-        The solution and what the planner has built are forgotten, as other constraints need not allow them. A
-        CollisionError if start or all goals that are set break them; an UnknownNameError if one is about an obstacle
-        that the scene does not have.
+        The solution and the planner's data are cleared, because they may violate the new constraints. Raises
+        CollisionError if the start or all goals that are set violate a constraint, and UnknownNameError if a constraint
+        names an obstacle that the scene lacks.
         """
         before = self.getConstraints()
         self._put(instance("constraints", constraints, Constraints))
@@ -205,10 +205,10 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         self.clear()
 
     def _put(self, constraints: Constraints, checker: CollisionChecker | None = None) -> None:
-        """Put constraints in place, and perhaps the checker of another scene; all stays what it was on an error."""
+        """Give the constraints, and optionally the checker of a new scene, to validity checker and motion validator."""
         if constraints.user is not None and not self._user_is_let_go:
-            # A user's function refers to its module, which refers to the setup. The cycle closes in C++, where Python's
-            # garbage collector cannot see it: OMPL would report a leak at the end of the program.
+            # A user's function refers to its module, and the module refers to the setup. The reference cycle passes
+            # through C++, where Python's garbage collector cannot find it. OMPL would report a leak at exit.
             atexit.register(_let_go, ref(self))
             self._user_is_let_go = True
         self.validity.setConstraints(constraints, checker)
@@ -218,9 +218,9 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         self.setConstraints(replace(self.getConstraints(), **changed))
 
     def setMaxDanger(self, limit: float) -> None:
-        """Set the danger that no configuration of a path may exceed, in the units of the danger field; 0: any danger.
+        """Set the largest danger of any configuration on a path, in the units of the danger field; 0: no limit.
 
-        Errors as `setConstraints`; an InputError if it is negative or not finite, or there is no danger field.
+        Errors as `setConstraints`; an InputError if the limit is negative or not finite, or there is no danger field.
         """
         if self.field is None:
             raise InputError("max danger needs a danger field, and this setup has none")
@@ -229,39 +229,39 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
     def setMinClearance(
         self, distance: float, obstacles: Sequence[str] | None = None, exempt: Sequence[tuple[str, str]] = ()
     ) -> None:
-        """Set the distance that every path must keep from obstacles; arguments and errors of `MinClearance.of`.
+        """Set the distance [m] that every path must keep from obstacles; arguments and errors of `MinClearance.of`.
 
-        Where no obstacles are named, it is kept from those that are dangerous, in other scenes, too. Errors as
-        `setConstraints`, too.
+        If no obstacles are named, the distance holds for all dangerous obstacles, also after `setScene`. Errors also as
+        `setConstraints`.
         """
         constraints = self.getConstraints()
         self.setConstraints(constraints.with_min_clearance(self.checker, distance, obstacles, exempt))
 
     def setTube(self, widths: ArrayLike | Mapping[str, float]) -> None:
-        """Require that every motion whose joints are so near to the one planned is free, too; 0 for no tube.
+        """Require that every motion within the tube about the planned motion is free, too; 0 removes the tube.
 
-        The widths, one for all joints, one for each (n,), or by name, are how far each may be from where it should be,
-        such as errors of control [rad or m].
+        A width is the largest deviation of a joint from the plan [rad or m], such as a controller's tracking error.
+        Widths are one number for all joints, one for each joint (n,), or a mapping by joint name.
         """
         tube = motions.tube_of(widths, self.robot)
         self.setConstraints(self.getConstraints().with_separation(tube=tube))
 
     def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
-        """Have only motions that are free whatever obstacles do, no faster than their speeds, within a time.
+        """Require motions that stay free for a time [s], however the named obstacles move within their speeds [m/s].
 
-        Arguments and errors of `Separation`; errors as `setConstraints`, too.
+        Arguments and errors of `Separation`; errors also as `setConstraints`.
         """
         self.setConstraints(self.getConstraints().with_separation(speeds=speeds, time=time))
 
     def setToolConstraint(
         self, axis: ArrayLike | None = None, direction: ArrayLike = UP, angle: float | None = None
     ) -> None:
-        """Have only paths on which an axis of the tool (3,) stays within an angle [rad] of a direction (3,).
+        """Require that an axis of the tool (3,) stays within an angle [rad] of a direction (3,) along the path.
 
-        The axis is in the frame of the tip, by default the one that points in the direction at the start; the direction
-        is in the world frame. An angle alone keeps upright what is upright at the start; without arguments there is no
-        such constraint any more. Errors as `ToolOrientation` and `setConstraints`; an InputError without an axis if no
-        start is set, and for an axis without an angle.
+        The axis is given in the frame of the tip and the direction in the world frame. Without an axis, the axis that
+        has the direction at the start is used: an angle alone keeps a tool upright that is upright at the start. A call
+        without arguments removes the constraint. Errors as `ToolOrientation` and `setConstraints`; an InputError for an
+        angle without an axis if no start is set, and for an axis without an angle.
         """
         if angle is None and axis is not None:
             raise InputError("give the angle [rad] within which the axis of the tool must stay")
@@ -274,29 +274,29 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         self._limit_tool(ToolOrientation, limit)
 
     def setTipBounds(self, lower: ArrayLike | None, upper: ArrayLike | None = None) -> None:
-        """Have only paths on which the tip stays inside a box [m], given by opposite corners (3,) in the world frame.
+        """Require that the tip stays inside a box [m], given by opposite corners (3,) in the world frame.
 
-        A coordinate is infinite where there is no wall. None: there is no such constraint any more. Errors as
-        `TipBounds` and `setConstraints`; an InputError if only one corner is given.
+        An infinite coordinate leaves that side of the box open. None removes the constraint. Errors as `TipBounds` and
+        `setConstraints`; an InputError if only one corner is given.
         """
         if (lower is None) is not (upper is None):
             raise InputError("give both corners of the tip's box, or neither")
         self._limit_tool(TipBounds, None if lower is None or upper is None else TipBounds(self.robot, lower, upper))
 
     def _limit_tool(self, kind: type[ToolLimit], limit: ToolLimit | None) -> None:
-        """Replace what limits the tool in one way."""
+        """Replace the constraint of one class on the tool; None removes it."""
         others = [other for other in self.getConstraints().tool if not isinstance(other, kind)]
         self._constrain(tool=tuple(others if limit is None else [*others, limit]))
 
     def setStateValidityChecker(self, checker: Any, resolution: float = RESOLUTION) -> None:
-        """Have only states that a checker of the user's own accepts, besides being within limits and free.
+        """Require that a user's checker accepts every state, in addition to joint limits and collision.
 
-        Planners, motions, simplification, goals and reports obey it. Nothing can be proven of it: motions are sampled,
-        at distances of `resolution` [rad or m] in joint space, and reports say so.
+        Planners, motions, simplification, goals and reports use the checker. Its condition cannot be proven: motions
+        are sampled at distances of `resolution` [rad or m] in joint space, and reports say so.
 
-        It is an `ob.StateValidityChecker` or a function that answers for a state with a bool, and what it raises
-        arrives unchanged; None: there is none any more. An InputError if it is nothing of the kind, a CollisionError if
-        it refuses the start or all goals that are set: then the checker stays what it was.
+        The checker is an `ob.StateValidityChecker` or a function that returns a bool for a state; None removes it. Its
+        exceptions arrive unchanged. Raises InputError for other types, and CollisionError if the checker refuses the
+        start or all goals that are set; the old checker is then kept.
         """
         self._constrain(user=None if checker is None else SampledValidity(checker, self.bridge, resolution))
 
@@ -305,33 +305,33 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
     def setConfigurations(self, start: Any, goals: Any) -> None:
         """Set the start configuration (n,) and one goal (n,) or several (G, n) [rad or m].
 
-        They are numbers in the order of the robot's joints, mappings by joint name, or names of group states of the
-        SRDF. An InputError for a wrong shape, NaN, an unknown name, a missing joint, or a value outside the limits; a
-        CollisionError in collision, or against a constraint. Of several goals only those that are allowed count; one
-        must be.
+        Configurations are numbers in the order of the robot's joints, mappings by joint name, or names of group states
+        of the SRDF. Raises InputError for a wrong shape, NaN, an unknown name, a missing joint, or a value outside the
+        limits, and CollisionError for a configuration in collision or against a constraint. Of several goals, those
+        that are not allowed are left out; at least one must be allowed.
 
-        A start that is slightly outside the limits begins at these, with a warning (`Robot.clipped_start`). Paths begin
-        in the turn of continuous joints that the start has; goals are the same whatever their turn.
+        A start slightly outside the limits is moved to the limits, with a warning (`Robot.clipped_start`). For
+        continuous joints, paths keep the full turns of the start; goals that differ by full turns are equal.
         """
         self.query.set_configurations(start, goals)
 
     def setStartConfiguration(self, start: Any) -> None:
-        """Set the start configuration (n,) [rad or m], numbers or by name; errors as `setConfigurations`."""
+        """Set the start configuration (n,) [rad or m], in a form of `setConfigurations` and with its errors."""
         self.query.set_start(start)
 
     def setWorkspaceGoal(
         self, position: ArrayLike | Any, rotation: ArrayLike | None = None, tolerance: float = TOLERANCE
     ) -> None:
-        """Set a place for the tip as the goal, in the world frame [m]; errors as `WorkspaceGoal`.
+        """Set a position or pose of the tip as the goal, in the world frame [m]; errors as `WorkspaceGoal`.
 
-        The rotation is a matrix, a quaternion x, y, z, w, or a pin.Quaternion; the position may be a whole pin.SE3.
-        Goal configurations set before stay for the planners that `plan` starts and that plan to configurations.
+        The rotation is a matrix, a quaternion x, y, z, w, or a pin.Quaternion; the position may also be a pin.SE3. Goal
+        configurations set before are kept: `plan` uses them with planners that plan to configurations.
         """
         place = place_of(self.robot, position, rotation)
         self._set_place(WorkspaceGoal, place, tolerance)
 
     def setGoalRegion(self, region: GoalRegion, tolerance: float = REGION_TOLERANCE) -> None:
-        """Set a region for the tip as the goal, bounds of position and orientation; it replaces a `setWorkspaceGoal`.
+        """Set bounds of the tip's position and orientation as the goal, instead of a `setWorkspaceGoal`.
 
         Arguments and errors of `RegionGoal`.
         """
@@ -353,7 +353,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
             super().setup()
 
     def setPlanner(self, planner: Any) -> None:
-        """Plan with a planner on this setup's space information; an InputError if it cannot be used with it."""
+        """Set the planner, which must have this setup's space information; an InputError if it cannot be used."""
         if isinstance(planner, str):
             raise InputError(f"planner must be an ob.Planner, got {planner!r}; `plan` takes names")
         check_planner(planner, self.getSpaceInformation())
@@ -363,7 +363,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         super().setPlanner(planner)
 
     def _choose_planner(self) -> None:
-        """Take what the allocator makes where no planner is set; without one `SafeRRTConnect`, if the goal allows."""
+        """If no planner is set, make one by the allocator, or a `SafeRRTConnect` if the goal can be sampled."""
         allocator = self.getPlannerAllocator()
         if self.getPlanner() is not None:
             return
@@ -373,14 +373,14 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
             self.setPlanner(SafeRRTConnect(self.getSpaceInformation()))
 
     def solve(self, time: float | ob.PlannerTerminationCondition = 1.0) -> ob.PlannerStatus:
-        """Plan with the planner that is set, `SafeRRTConnect` if none is, as OMPL's `solve`; may be interrupted.
+        """Plan with the planner that is set, by default `SafeRRTConnect`, as OMPL's `solve`.
 
-        The goal is what was set last; `SafeJTRRT` plans to the `setWorkspaceGoal` even if configurations came later.
-        Solutions of another problem are forgotten, and so is what the planner has built as far as it does not hold.
-        Ctrl-C and exceptions of the user's callbacks end it at once and arrive unchanged. Then there is no solution,
-        and the planner is cleared: it may have stopped between two halves of a step. The time is a limit [s], infinity
-        for none, or an `ob.PlannerTerminationCondition`. An InputError if it is neither, or no start or no goal is set;
-        a PlanningError if the planner returns a path that is not from a start to the goal.
+        The goal is the one set last; `SafeJTRRT` plans to the `setWorkspaceGoal` even if configurations were set later.
+        Solutions of another problem are removed, and the planner's data as far as they are no longer valid. Ctrl-C and
+        exceptions of the user's callbacks end `solve` at once and arrive unchanged. There is then no solution, and the
+        planner is cleared, because it may have stopped in the middle of a step. The time is a limit [s], infinity for
+        no limit, or an `ob.PlannerTerminationCondition`. Raises InputError for another time, or if no start or no goal
+        is set, and PlanningError if the planner returns a path that does not lead from a start to the goal.
         """
         stop = termination(time)
         self.query.check_complete(self.getPlanner())
@@ -429,8 +429,8 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         ----------
         planner : str, ob.Planner or callable
             A name of `planner_names()`, a planner on this setup's space information, or a function `(robot, scene,
-            start, goal) -> way points (N, n)`. The path of a function is checked, repaired where it touches, and
-            proven, see `FunctionPlanner`; `PlanResult.repaired` says what became of it.
+            start, goal) -> way points (N, n)`. The path of a function is checked, repaired where it collides, and
+            proven (see `FunctionPlanner`); `PlanResult.repaired` says how it was repaired.
         time : float
             Time limit [s] of planning and simplification together.
         seed : int
@@ -438,33 +438,34 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         parameters : mapping, optional
             Parameters for a planner given by name.
         simplify : bool or float
-            Simplify the solution, as `simplifySolution` does: for some seconds, or until nothing more is to gain, and
-            no longer than the time limit allows.
+            Simplify the solution as `simplifySolution` does. A number limits the simplification [s]; True simplifies
+            until the path no longer improves. The time limit holds, too.
         optimise : float, optional
-            Go on for so many seconds in all, instead of `time`: simplify, start anew, and return the best path.
+            Total time [s], instead of `time`: plan and simplify again and again, and return the best path.
         starts : int
-            Plan so often, with seeds that count up from `seed`, and return the best path: that of least cost by this
-            setup's objective, of equal ones the first. The time limit is that of each start.
+            Plan this many times with consecutive seeds from `seed`, and return the path of least cost by this setup's
+            objective, the first one of equal cost. The time limit holds for each start.
         workers : int
-            How many processes share the starts, which then take ⌈starts/workers⌉ time limits at most. The result does
-            not depend on it, as long as no start runs into its limit.
+            Number of processes that share the starts; all starts take at most ⌈starts/workers⌉ time limits. The result
+            does not depend on `workers`, as long as no start reaches its time limit.
         ways : 1 or "all"
-            "all": look for ways that pass people and obstacles on other sides, or in other postures, and return the
-            safest one found, in about four times the time of `simplify=True`: several starts, with seeds that count up
-            from `seed`, are joined into better paths and compared after simplification, by this setup's objective.
-            `simplify` is then implied; if it is a number of seconds, this is the limit for each path. What the ways
-            that were found cost is in `PlanResult.ways`. A planner that ignores its seed finds one way.
+            "all": search for ways that pass people and obstacles on other sides, or in other postures, and return the
+            safest way found. The search takes about four times as long as `simplify=True`. It runs several starts with
+            consecutive seeds from `seed`, joins their paths into better ones, and compares them after simplification by
+            this setup's objective. `simplify` is then implied; a number limits the simplification of each path [s].
+            `PlanResult.ways` has the costs of the ways found. A planner that ignores its seed finds one way.
 
         Raises
         ------
         InputError
-            Time not positive, unknown planner or parameter, a planner of another setup; to optimise without danger;
-            less than 1 start or worker; `ways` that are neither 1 nor "all", or go with `optimise` or several `starts`.
+            If the time is not positive; the planner or a parameter is unknown, or the planner belongs to another setup;
+            `optimise` is given without danger; `starts` or `workers` is less than 1; `ways` is neither 1 nor "all", or
+            is "all" together with `optimise` or several `starts`.
         PlanningError
-            If a planner returns a path that the validator refuses, or that is not from a start to the goal.
+            If a planner returns a path that the validator refuses, or that does not lead from a start to the goal.
         KeyboardInterrupt
-            On Ctrl-C before there is a path. Later it ends simplification and optimisation, and the best path so far
-            is returned; `PlanResult.interrupted` says so.
+            On Ctrl-C before a path is found. Later, Ctrl-C ends simplification and optimisation; the best path so far
+            is returned, and `PlanResult.interrupted` is true.
         """
         begin = perf_counter()
         time = number("time limit", time if optimise is None else optimise, above=0.0, kind="number of seconds")
@@ -473,13 +474,13 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         if every and (optimise is not None or starts > 1):
             other = "starts" if starts > 1 else "optimise"
             raise InputError(f'ways="all" starts as often as it needs: leave out {other}')
-        # Whether there is a best path to keep at Ctrl-C.
+        # With these options Ctrl-C returns the best path so far instead of an exception.
         keeps = starts > 1 or every or simplification is not None or optimise is not None
 
         def once(seed: int) -> PlanResult:
             run = PlanningRun(self, *self.prepare(planner, seed, parameters), seed)
             if optimise is not None or (simplification is not None and self.field is not None):
-                self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
+                self.simplifier  # noqa: B018  # Made before the clock starts.
             if every:
                 seconds = simplification or np.inf
                 return run.every_way(time, self._any_simplifier, seconds, lambda: bool(interrupts))
@@ -496,10 +497,10 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         return replace(result, interrupted=bool(interrupts))
 
     def prepare(self, planner: str | Any, seed: int, parameters: Mapping[str, Any] | None = None) -> tuple[Any, str]:
-        """Make planner and problem ready for a run that `seed` decides; return the planner and its name."""
+        """Seed OMPL and the planner, and set planner and goal for a run; return the planner and its name."""
         seed = checked_seed(seed)
         check_planner(planner, self.getSpaceInformation())
-        # Checking draws random numbers, as the next lines do, so it happens before the seed is set.
+        # These checks draw random numbers, so they happen before the seed is set.
         self.query.check_anew()
         if not self.getSpaceInformation().isSetup():
             self.getSpaceInformation().setup()
@@ -521,68 +522,68 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
     # ---------------------------------------------------------------------------------------------- paths and solutions
 
     def getProblemDefinition(self) -> Any:
-        """Return OMPL's problem definition, whose solutions are of the problem as it is now."""
+        """Return OMPL's problem definition; solutions of an earlier problem are removed first."""
         self.query.forget_stale()
         return super().getProblemDefinition()
 
     def haveSolutionPath(self) -> bool:
-        """Return whether there is a path from a start towards the goal as they are now."""
+        """Return whether there is a path from the present start towards the present goal."""
         self.query.forget_stale()
         self.query.forget_wrong()
         return bool(super().haveSolutionPath())
 
     def haveExactSolutionPath(self) -> bool:
-        """Return whether there is a path from a start to the goal as they are now."""
+        """Return whether there is a path from the present start to the present goal."""
         return self.haveSolutionPath() and bool(super().haveExactSolutionPath())
 
     def getSolutionPath(self) -> Any:
-        """Return the solution, an `og.PathGeometric`; an InputError if there is none for the problem as it is now."""
+        """Return the solution, an `og.PathGeometric`; an InputError if the present problem has no solution."""
         if not self.haveSolutionPath():
             raise InputError("there is no solution: call solve or plan first, and see whether it succeeds")
         return super().getSolutionPath()
 
     def solution(self) -> FloatArray:
-        """Return the solution path (N, n) found last; raise InputError if there is none.
+        """Return the solution path (N, n) found last [rad or m]; raise InputError if there is none.
 
-        Continuous joints count turns along it, from those of the start: no step is longer than half a turn. The start
-        of OMPL's own words is in [−π, π).
+        Angles of continuous joints begin with the full turns of the start and do not jump at ±π: no step is longer than
+        half a turn. OMPL's own path has them in [−π, π).
         """
         path, start = self.bridge.way_points(self.getSolutionPath()), self.query.start
         turns = np.zeros(self.bridge.n) if start is None else np.round((start - path[0]) / (2 * np.pi))
         return path + 2 * np.pi * turns * self.bridge.circular
 
     def set_solution(self, path: FloatArray) -> None:
-        """Put a path (N, n) in the place of the solution; where that was approximate, so is this."""
+        """Replace the solution by a path (N, n); the new solution is approximate if the old one was."""
         solution, scratch = og.PathGeometric(self.getSpaceInformation()), ScratchState(self.bridge)
         for q in path:
             solution.append(scratch.set(q))
         problem = self.getProblemDefinition()
         approximate, difference = problem.hasApproximateSolution(), problem.getSolutionDifference()
         problem.clearSolutionPaths()
-        # There is no planner if the solution was set in another way.
+        # If no planner found the solution, there may be no planner.
         planner = self.getPlanner()
         name = "" if planner is None else planner.getName()
         problem.addSolutionPath(solution, approximate, max(0.0, difference), name)
         self.query.begin()
 
     def _rows(self, path: Any) -> Any:
-        """Return the way points (N, n) of a path, which may be one of OMPL's."""
+        """Return the way points (N, n) of an `og.PathGeometric`; other paths are returned unchanged."""
         return self.bridge.way_points(path) if isinstance(path, og.PathGeometric) else path
 
     def report(self, path: ArrayLike | og.PathGeometric) -> simplification.PathReport:
-        """Validate a path, (N, n) or OMPL's, and return the report on it; danger and clearance come when looked at."""
+        """Validate a path, (N, n) or OMPL's, and return its report; danger and clearance are computed on first use."""
         return simplification.PathReport.of(self._rows(path), self.checker, self.field, self.motion_prover)
 
     def is_free(self, path: ArrayLike | og.PathGeometric) -> simplification.Validation:
-        """Return whether a path, (N, n) or OMPL's, may be driven in this scene, under the constraints set now.
+        """Prove that a path, (N, n) or OMPL's, is free in this scene under the constraints that are set.
 
-        The `Validation` is true if so; else `why` names the edge and the pair, and `refused` holds them. An InputError
-        if the path is empty, has the wrong shape, or is not finite.
+        The `Validation` is true if the path is proven free. Else `why` names the edge and the pair of bodies, and
+        `refused` holds them. Raises InputError if the path is empty, has the wrong shape, or is not finite.
         """
         return simplification.validate(self._rows(path), self.motion_prover)
 
     def getPlannerData(self, data: Any) -> None:
-        """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`."""
+        """Fill an `ob.PlannerData` with the planner's graph; planners of this package also have a `plannerGraph`."""
         planner = self.getPlanner()
         fill = getattr(planner, "fillPlannerData", None)
         if fill is None:
@@ -595,7 +596,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
 
     @property
     def simplifier(self) -> simplification.Simplifier:
-        """What makes paths cheaper; raises InputError if this setup plans without danger."""
+        """The danger-aware simplifier of paths; raises InputError if this setup plans without danger."""
         if self._simplifier is None or self._simplifier.checker is not self.checker:
             self.setSimplification(**self._simplification)
         assert self._simplifier is not None
@@ -604,25 +605,25 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         return self._simplifier
 
     def setSimplification(self, **options: Any) -> None:
-        """Set options of the danger-aware simplification: names and errors as `Simplifier`, errors as `simplifier`."""
+        """Set options of danger-aware simplification; options and errors of `Simplifier`, errors of `simplifier`."""
         if self.field is None:
             raise InputError("danger-aware simplification needs a danger field, and this setup has none")
         self._simplifier = simplification.Simplifier(self.checker, self.field, self.motion_prover, **options)
         self._simplification = options
 
     def simplifySolution(self, time: Any = 0.0) -> None:
-        """Make the solution shorter and safer, see `Simplifier`; every path on the way is proven.
+        """Make the solution shorter and safer by a `Simplifier`; every intermediate path is proven, too.
 
-        The time is for how long [s], or an `ob.PlannerTerminationCondition`; 0: until nothing more is to gain. An
-        InputError if there is no solution. A setup that plans without danger makes it shorter, and keeps its clearance
-        all the same. The user's own checker is asked about every edge on the way, and about the path at the end.
+        The time is a limit [s] or an `ob.PlannerTerminationCondition`; 0: until the path no longer improves. Raises
+        InputError if there is no solution. A setup without danger shortens the path and keeps its clearance. The user's
+        checker tests every new edge, and the whole path at the end.
         """
         if not self.haveSolutionPath():
             raise InputError("there is no solution to simplify")
         begin, path = perf_counter(), self.solution()
         self.set_solution(self._any_simplifier.simplify(path, stopping(time), proven=True))
         if self.getConstraints().user is not None and not self.is_free(self.solution()):
-            # Samples of a motion are not those of its parts: a check of the user's own may refuse these after all.
+            # A whole motion and its parts are sampled at different points, so the user's checker may refuse the result.
             _log.info("the simplified path is refused; the solution is unchanged")
             self.set_solution(path)
         if self.query.forget_nan():
@@ -632,7 +633,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
 
     @property
     def _any_simplifier(self) -> simplification.Simplifier:
-        """The `simplifier`; for a setup that plans without danger what makes paths shorter."""
+        """The `simplifier`, or for a setup without danger a simplifier that shortens paths."""
         if self.field is not None:
             return self.simplifier
         return simplification.Simplifier(self.checker, DangerField(self.robot, np.empty((0, 3))), self.motion_prover)
@@ -650,7 +651,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         people: scenes.People | None = None,
         time: float | None = None,
     ) -> motions.MotionCheck:
-        """Prove a motion that something else made under the constraints set now; see `safe_ompl.check`."""
+        """Prove a given motion under the constraints that are set; see `safe_ompl.check`."""
         limit = motions.TIME if time is None else time
         return motions.check_with(motion, self.motion_prover, limits, people=people, time=limit)
 
@@ -662,29 +663,29 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         *,
         time: float = 2.0,
     ) -> motions.Repair:
-        """Return a motion with as little changed as a proof needs; see `safe_ompl.repair`."""
+        """Change a given motion as little as possible until it is proven; see `safe_ompl.repair`."""
         limit = number("time limit", time, above=0.0, kind="number of seconds")
         return motions.repair_with(motion, self.motion_prover, limits, connecting(self, limit), people)
 
 
 def _let_go(setup: ref[SafeSetup]) -> None:
-    """Forget the user's checker at the end of the program."""
+    """Remove the user's checker at exit, so that OMPL reports no leak."""
     alive = setup()
     if alive is not None:
         alive._put(replace(alive.getConstraints(), user=None))
 
 
 def simplification_time(value: bool | float) -> float | None:
-    """Return for how long to simplify [s], 0 without limit; None for not at all."""
+    """Return the time limit of simplification [s], 0 for no limit, or None for no simplification."""
     if isinstance(value, (bool, np.bool_)):
         return 0.0 if value else None
     return number("simplify", value, above=0.0, kind="number of seconds")
 
 
 def connecting(setup: SafeSetup, time: float) -> Callable[[FloatArray, FloatArray], FloatArray | None]:
-    """Return what finds proven paths between configurations (n,) for repairs, within a time in all [s].
+    """Return a function that plans proven paths (N, n) between configurations (n,), for repairs.
 
-    It plans under the constraints of the setup, whose own problem stays as it is.
+    All calls together take at most `time` [s]. The function has a setup of its own with the constraints of `setup`.
     """
     end, own = perf_counter() + time, list[SafeSetup]()
 
@@ -711,18 +712,18 @@ def repair(
     people: scenes.People | None = None,
     time: float = 2.0,
 ) -> motions.Repair:
-    """Return a motion that something else made with as little changed as a proof needs.
+    """Change a motion from another planner as little as possible until it is proven.
 
-    The motion is what `Motion.of` takes, such as way points (N, n), a SciPy spline, or a plain `og.SimpleSetup` that is
-    solved; other arguments and errors as `check`, under other constraints it is `SafeSetup.repair`. The time [s] is
-    for planning ways round, where moving pieces aside does not succeed.
+    The motion is any input of `Motion.of`, such as way points (N, n), a SciPy spline, or a plain `og.SimpleSetup` that
+    is solved. Other arguments and errors as `check`; with other constraints use `SafeSetup.repair`. The time [s] is for
+    planning detours, if moving pieces aside does not succeed.
 
     Returns
     -------
     Repair
-        True if it is proven. `motion` has the ends, the degree, the times and the smoothness of the one given; `path`
-        the way points where it is straight between them; `how`, `deviation` and `changed` say what was done. Where
-        rates exceed `limits`, or stops are too late for `people`, it takes `slower` times as long.
+        True if the motion is proven. `motion` has the ends, degree, times and smoothness of the given motion; `path`
+        has the way points if the motion is straight between them; `how`, `deviation` and `changed` say what was
+        changed. If rates exceed `limits`, or stops are too late for `people`, the duration is multiplied by `slower`.
     """
     setup = SafeSetup(robot, scene)
     if tube is not None:

@@ -1,4 +1,4 @@
-"""From a scenario, or a problem of MotionBenchMaker, to a setup or a result."""
+"""Make a `SafeSetup`, or a `PlanResult`, from a scenario or a problem of MotionBenchMaker."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def plan(
     parameters: Mapping[str, Any] | None = None,
     **options: Any,
 ) -> PlanResult:
-    """Plan a scenario: the problem itself, or the name or file of one; all else as in `SafeSetup.plan`.
+    """Plan a path for a scenario, given as a Scenario or by its name or file; see `SafeSetup.plan`.
 
-    The time limit [s] is by default the scenario's own, `parameters` override those of the scenario, and `options` are
-    `simplify`, `optimise`, `starts`, `workers` and `ways`. Errors as `SafeSetup.plan`; an InputError, too, if the
-    scenario cannot be used.
+    The default time limit [s] is that of the scenario. `parameters` override the planner's parameters in the scenario.
+    `options` are `simplify`, `optimise`, `starts`, `workers` and `ways`. Errors as `SafeSetup.plan`; also an InputError
+    if the scenario is invalid.
     """
     begin = perf_counter()
     scenario = _loaded(scenario)
@@ -58,18 +58,18 @@ def setup_scenario(scenario: scenes.Scenario | str | Path, robot: Robot | None =
     Parameters
     ----------
     scenario : Scenario, str or Path
-        The scenario, or the name or the file of one.
+        The scenario, or its name or file.
     robot : Robot, optional
-        The robot, where it is built already.
+        The scenario's robot, if it is already built. Default: build it.
 
     Raises
     ------
     InputError
-        If the scenario cannot be used; the message names file, key and value.
+        If the scenario is invalid; the message names file, key and value.
     """
     scenario = _loaded(scenario)
     robot = robot or scenario.build_robot()
-    # The goal is None if the steps of a program say where to go.
+    # The goal is None if the scenario has a program, whose steps have goals of their own.
     start, goal = scenario.start_configuration(robot), scenario.goal
     goals = scenario.goal_configurations(robot) if goal is not None and goal.configurations else None
     with document.within(str(scenario.file or scenario.name), ": "):
@@ -101,10 +101,11 @@ def setup_scenario(scenario: scenes.Scenario | str | Path, robot: Robot | None =
 
 
 def setup_problem(problem: scenes.MbmProblem, robot: Robot) -> SafeSetup:
-    """Return a SafeSetup with the scene, start and goals of a problem.
+    """Return a `SafeSetup` with the scene, start and goals of a problem of MotionBenchMaker.
 
-    Limits of joints are widened, with a warning, where a goal is slightly outside; see `MbmProblem.widened_limits`. An
-    InputError if the joints are not those of the robot, or start or goals are outside the limits or in collision.
+    If a goal is slightly outside the joint limits, they are widened, with a warning; see `MbmProblem.widened_limits`.
+    Raises InputError if the joints are not those of the robot, or if start or goals are outside the limits or in
+    collision.
     """
     limits = problem.widened_limits(robot)
     if limits:
@@ -117,7 +118,7 @@ def setup_problem(problem: scenes.MbmProblem, robot: Robot) -> SafeSetup:
 
 
 def check_named_planner(scenario: scenes.Scenario, planner: str, setup: SafeSetup) -> None:
-    """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
+    """Raise InputError if the planner, or a parameter that the scenario sets for it, does not exist."""
     source = f"{scenario.file or scenario.name}: planners" if planner in scenario.planners else "planner"
     with document.within(source, ": "):
         make_planner(planner, setup.getSpaceInformation(), scenario.planners.get(planner))

@@ -1,4 +1,4 @@
-"""Work: motions of the tool along curves, proven to stay in a corridor, and programs of many steps."""
+"""Tasks: motions of the tool along curves, proven to stay in a corridor, and programs of many steps."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Corridors of the tool: proof that the tip stays near a curve at every instant (`docs/how-it-works.md` §9)."""
+"""Prove that the tip stays within a tolerance of a tool path at all times (`docs/how-it-works.md` §10)."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from safe_ompl.robot import Robot, Tip
 from safe_ompl.tasks.tool_path import ToolPath
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-# Intervals shorter than this share of the shortest smooth stretch are not divided.
+# The proof stops if an interval is shorter than this share of the shortest polynomial piece of the motion.
 _LEAST_INTERVAL = 1e-6
-# The allowance for errors of kinematics.
+# The margin for rounding errors of the forward kinematics.
 _KINEMATICS_ROUNDING = 1e-9  # [m and rad]
-# The proof gives up when more intervals than this are open.
+# The proof stops if more intervals than this are undecided.
 _MOST_INTERVALS = 200_000
 
 
 @dataclass(frozen=True)
 class Corridor(Section):
-    """How near the tip must be to a curve, at every instant.
+    """Tolerances of the tip's pose about a tool path, at all times.
 
     Parameters
     ----------
     position : float
-        Largest distance of the tip from where the curve has it [m].
+        Largest distance of the tip from the curve point with the same parameter [m].
     angle : float
-        Largest angle of its orientation from the curve's [rad]; with a free axis, of that axis alone.
+        Largest rotation angle between the frames of tip and curve [rad]. With a free axis: the angle between the axes.
     free_axis : {"x", "y", "z"}, optional
-        Axis of the tip's frame about which it may turn freely.
+        Axis of the tip's frame about which the tip may turn freely.
 
     Raises
     ------
     InputError
-        If a width is not positive, the angle is above π, or the axis is none.
+        If a tolerance is not positive, the angle is above π, or the axis is not "x", "y" or "z".
 
     Examples
     --------
@@ -57,18 +57,18 @@ class Corridor(Section):
 
 @dataclass(frozen=True)
 class CorridorProof:
-    """Whether the tip stays in a corridor, and where it does not or is not proven to.
+    """Result of `prove_corridor`.
 
     Attributes
     ----------
     proven : bool
-        The tip is in the corridor at every instant.
+        The tip is in the corridor at all times.
     position, angle : float
-        Bounds of its deviations, if proven; else the largest that were seen [m, rad].
+        If proven: upper bounds of the deviations. Else: the largest deviations that were sampled [m, rad].
     at : float or None
-        The parameter of the curve [m] where it is outside, or where there is no proof.
+        Curve parameter [m] at which the tip is outside or the proof failed; None if proven.
     outside : bool
-        Whether it is outside there.
+        Whether the tip is outside the corridor at `at`.
     """
 
     proven: bool
@@ -78,34 +78,35 @@ class CorridorProof:
     outside: bool = False
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
+        """Return the proof as a dict of plain values."""
         return {key: getattr(self, key) for key in ("proven", "position", "angle", "at", "outside")}
 
 
 def prove_corridor(motion: Motion, robot: Robot, path: ToolPath, corridor: Corridor) -> CorridorProof:
-    """Prove that the tip stays in a corridor about a curve, for every instant of a motion.
+    """Prove that the tip stays in a corridor about a curve at all times of a motion.
 
-    On an interval of length h of a polynomial motion ‖p″‖ ≤ A = Σ R_i |q″_i| + Σ R_ij |q′_i||q′_j|, where R_ij is the
-    radius of the more distal joint, and zero if the other one slides. Linear interpolation of p − c errs by no more
-    than (A + ‖c″‖) h²/8, and its norm is convex. An orientation is at most h/2 from one of the ends, with a rate that
-    is known there and changes by no more than its derivative's bound.
+    p(s) is the tip's position and c(s) the curve. R_i is the largest distance of the tip from the axis of joint i. On
+    an interval of length h of a polynomial motion ‖p″‖ ≤ A = Σ R_i |q″_i| + Σ R_ij |q′_i||q′_j|. R_ij is R of the more
+    distal joint of i and j, or 0 if the more proximal joint is prismatic. The error of linear interpolation of p − c is
+    at most (A + ‖c″‖) h²/8. The norm of the interpolant is convex, so its maximum is at an end of the interval. For
+    orientations, each parameter is at most h/2 from an end. The angle and its rate are computed at the end, and the
+    rate changes by at most h/2 times the bound of its derivative.
 
     Parameters
     ----------
     motion : Motion
-        Of the robot's joints, in its order; its `times` are the parameters of the curve [m].
+        Motion of the robot's joints, in the robot's order. `motion.times` are parameters of the curve [m].
     robot : Robot
-        The robot.
     path : ToolPath
-        The curve.
+        The tool path to follow.
     corridor : Corridor
-        How near the tip must be.
+        Tolerances.
     """
     return _Proof(motion, Tip(robot, corridor.axis), path, corridor).result()
 
 
 class _Proof:
-    """The proof of one motion; intervals are rows (piece, first, last) with parameters s of the curve [m]."""
+    """The proof for one motion. Arrays `first` and `last` (I,) of curve parameters [m] are the intervals."""
 
     def __init__(self, motion: Motion, tip: Tip, path: ToolPath, corridor: Corridor) -> None:
         self._motion, self._tip, self._path, self._corridor = motion, tip, path, corridor
@@ -117,6 +118,7 @@ class _Proof:
         self._radii, self._turns = radii, ~slides
         self._pairs = np.where(slides[proximal], 0.0, radii[distal])
         both = self._turns[:, None] & self._turns
+        # The sum over i and j counts each pair twice.
         self._turn_pairs = 0.5 * (both & ~np.eye(len(order), dtype=bool))
         allowance = robot.coupling.reach(motion.allowance)[:, order]
         self._slack = allowance @ radii + _KINEMATICS_ROUNDING, allowance @ self._turns + _KINEMATICS_ROUNDING
@@ -139,7 +141,7 @@ class _Proof:
                 at = float((first, last)[k[0]][k[1]])
                 return CorridorProof(False, float(ends[0].max()), float(ends[1].max()), at, outside=True)
             apart, turned = self._bounds(first, last, ends, rates)
-            # Written so that an interval with NaN stays open.
+            # The comparisons are negated so that an interval with NaN remains undecided.
             open_ = ~((apart <= self._corridor.position) & (turned <= self._corridor.angle))
             position = max(position, float(apart[~open_].max(initial=0.0)))
             angle = max(angle, float(turned[~open_].max(initial=0.0)))
@@ -156,11 +158,14 @@ class _Proof:
         return np.clip(np.searchsorted(self._motion.times, middle) - 1, 0, self._motion.pieces - 1)
 
     def _ends(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return deviations (2, 2, I), position and angle at both ends, and rates (2, I) of the angle there."""
+        """Return deviations and bounds of the rate of the angle at the ends of the intervals.
+
+        Deviations (2, 2, I) have the indices position or angle, first or last end, and interval; rates are (2, I).
+        """
         piece = self._pieces(first, last)
         times, spans = self._motion.times, np.diff(self._motion.times)
         deviations, rates = np.empty((2, 2, len(first))), np.empty((2, len(first)))
-        # The curve is read slightly inside the interval. At a corner this selects the segment of the interval.
+        # The curve is evaluated slightly inside the interval, so that a corner counts with the interval's own segment.
         inside = (last - first) * 1e-9
         for k, s in enumerate((first, last)):
             u = ((s - times[piece]) / spans[piece])[:, None]
@@ -184,10 +189,11 @@ class _Proof:
     def _bounds(
         self, first: FloatArray, last: FloatArray, ends: FloatArray, rates: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return bounds (I,) of the deviations of position and angle on intervals."""
+        """Return upper bounds (I,) of the deviations of position [m] and angle [rad] on intervals."""
         piece, h = self._pieces(first, last), last - first
         times, spans = self._motion.times, np.diff(self._motion.times)
         u = (first - times[piece]) / spans[piece], (last - times[piece]) / spans[piece]
+        # The factor and the summand cover rounding errors of the Bernstein coefficients.
         speed, joint_acceleration = (
             np.abs(polynomials.bernstein(polynomials.restricted(held[piece], *u))).max(axis=1) * (1 + 1e-9) + 1e-12
             for held in self._derivatives

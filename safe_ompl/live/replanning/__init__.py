@@ -1,4 +1,4 @@
-"""Replanning beside people who move: the motion of every tick is proven."""
+"""Replanning among people who move. The motion of every tick is proven before the robot executes it."""
 
 import lazy_loader
 

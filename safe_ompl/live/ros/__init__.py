@@ -1,6 +1,6 @@
-"""Driving by ROS 2: a node, its messages, trajectories' actions, recordings, and logs for Foxglove.
+"""ROS 2: a node that controls the robot, messages, trajectory actions, recordings, and logs for Foxglove.
 
-Logs and recordings need the extra `safe-ompl[mcap]`, what starts a node ROS, too (`safe-ompl[ros]`).
+Logs and recordings need the extra `safe-ompl[mcap]`. Nodes need ROS 2 and the extra `safe-ompl[ros]`.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Simulated people, robots and their contacts, to test motions beside people."""
+"""Simulation of people, robots and contacts between them, to test motions among people."""
 
 import lazy_loader
 

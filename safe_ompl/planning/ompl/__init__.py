@@ -1,4 +1,4 @@
-"""What OMPL is given: validity, motion validity, objectives, goals, and the bridge between states and arrays."""
+"""Subclasses of OMPL's interfaces: state validity checkers, motion validators, objectives and goals."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Planners that subclass ompl.base.Planner."""
+"""Planners, as subclasses of `ompl.base.Planner`."""
 
 import lazy_loader
 

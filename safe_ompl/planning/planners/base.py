@@ -1,4 +1,4 @@
-"""The base of the planners: their parameters, what OMPL asks of a planner, and the path that it publishes."""
+"""`SafePlanner`, the base class of the planners: parameters, OMPL's planner interface, starts, goals and solutions."""
 
 from __future__ import annotations
 
@@ -25,20 +25,21 @@ _log = logging.getLogger(__name__)
 _FIRST_GOALS = 100  # taken before planning begins
 # This marks an objective that has not been read from the problem.
 _UNREAD = object()
-# Of the space's extent: 1.1 rad on an arm. Longer steps are trapped more often, shorter ones need more nodes.
+# The default length of an extension is this share of the space's extent: 1.1 rad for an arm. Longer extensions are
+# blocked more often; shorter ones need more nodes.
 _RANGE_FRACTION = 0.075
 T = TypeVar("T", bool, int, float)
 
 
 @dataclass(eq=False)
 class Parameter(Generic[T]):
-    """A parameter of a planner: an attribute with a default, whose values are checked when they are set.
+    """Descriptor of a planner's parameter: an attribute with a default, whose values are checked on assignment.
 
     >>> class Planner(SafePlanner):  # doctest: +SKIP
     ...     goal_bias = Parameter(0.05, at_most=1)
     ...     setGoalBias, getGoalBias = goal_bias.methods()
 
-    Values have the type of the default. Numbers are at least 0, unless another lower bound is given.
+    Values have the type of the default. Numbers must be at least 0, unless another lower bound is given.
     """
 
     default: T
@@ -68,7 +69,7 @@ class Parameter(Generic[T]):
         planner.__dict__[self.name] = checked
 
     def methods(self) -> tuple[Callable[[Any, T], None], Callable[[Any], T]]:
-        """Return a setter and a getter, which planners of OMPL have for each of their parameters."""
+        """Return the setter and the getter of the parameter, as OMPL's planners have them."""
 
         def setter(planner: Any, value: T) -> None:
             """Set the parameter; an InputError if the value is refused."""
@@ -82,20 +83,20 @@ class Parameter(Generic[T]):
 
 
 def parameters_of(kind: type) -> dict[str, Parameter[Any]]:
-    """Return the parameters of a class of planners, those of its base first."""
+    """Return the parameters of a planner class by name, parameters of its base class first."""
     attributes = ChainMap(*(dict(vars(owner)) for owner in kind.__mro__))
     return {name: value for name, value in attributes.items() if isinstance(value, Parameter)}
 
 
 def camel_case(name: str) -> str:
-    """Return goal_bias as GoalBias."""
+    """Convert a name with underscores to camel case: goal_bias to GoalBias."""
     return "".join(word.capitalize() for word in name.split("_"))
 
 
 class UnansweredRequest:
-    """`getPlannerData` of a planner in Python: OMPL's own, which gives nothing, and a warning that says so.
+    """`getPlannerData` of planners in Python: OMPL's base method, which returns no data, with a warning.
 
-    OMPL's bindings end the process if they find a method in Python.
+    A method in Python is not possible, because OMPL's bindings would end the process when they call it.
     """
 
     def __get__(self, planner: Any, owner: type | None = None) -> Any:
@@ -111,7 +112,7 @@ class UnansweredRequest:
 
 
 class Query(NamedTuple):
-    """What a planner was asked for: the problem, its goal, and the valid starts; and the states that goals list."""
+    """The query of a planner: problem definition, goal, valid starts by their bytes, and the states of a goal list."""
 
     problem: Any
     goal: Any
@@ -120,21 +121,21 @@ class Query(NamedTuple):
 
 
 class SafePlanner(ob.Planner):  # type: ignore[misc]
-    """Base of the planners: subclasses declare parameters and implement `_search` on arrays, without OMPL's states.
+    """Base class of the planners. Subclasses declare parameters and implement `_search` on arrays, not OMPL states.
 
-    A planner plans in any space of real vectors, SO(2) and SO(3) parts, with any validity checker, motion validator and
-    objective. It accepts goals of a type, `plans_to`, by default those that offer configurations. `counts` counts the
-    nodes.
+    A planner plans in any space of real vectors, SO(2) and SO(3) components, with any validity checker, motion
+    validator and objective. It accepts goals of the class `plans_to`, by default goals that can be sampled. `counts`
+    has the number of nodes.
 
     Parameters
     ----------
     si : ob.SpaceInformation
         The space, with its validity checker and motion validator.
     name : str, optional
-        Name in logs and benchmarks; by default that of the class. A flag in its place, as RRT and PRM of OMPL take one,
-        has no effect, and a warning says so.
+        Name in logs and benchmarks; by default the name of the class. A bool in its place, as OMPL's RRT and PRM take,
+        has no effect except a warning.
     range : float >= 0, default 0.0 [rad]
-        Largest length of one extension, before it moves sideways; 0 takes 7.5 % of the space's extent.
+        Largest length of one extension, before it is moved sideways; 0 means 7.5 % of the space's extent.
     **parameters
         Values of the parameters that the class of the planner declares.
     """
@@ -142,10 +143,10 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     plans_to: ClassVar[Any] = ob.GoalSampleableRegion
     _danger: DangerWeight
     _structure: TwoTrees[Any] | Roadmap  # built so far
-    # The query for which the structure was built.
+    # The query for which `_structure` was built.
     _query: Query | None
     _goals: int  # taken so far
-    # The settings with which the structure was built.
+    # The settings with which `_structure` was built.
     _settings: tuple[Any, ...]
 
     range = Parameter(0.0)
@@ -162,7 +163,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
                 "the star strategy, which ours do not have",
             )
         self.counts = Counts()
-        # As for OMPL's own planners the seed follows from `ou.RNG.setSeed`, if that was called before.
+        # The seed follows from `ou.RNG.setSeed`, if it was called before, as in OMPL's own planners.
         self.setSeed(ou.RNG().getLocalSeed())
         # The objective in use.
         self._read: Any = _UNREAD
@@ -180,18 +181,18 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     # ------------------------------------------------------------------------------------------- parameters
 
     def setParameter(self, name: str, value: Any) -> None:
-        """Set a parameter, such as "goal_bias"; an UnknownNameError if there is none, InputError if it is refused."""
+        """Set a parameter by name, such as "goal_bias"; an UnknownNameError or, for an invalid value, InputError."""
         known = parameters_of(type(self))
         if name not in known:
             raise UnknownNameError(f"parameter of {self.getName()}", name, sorted(known))
         setattr(self, name, value)
 
     def setRange(self, length: float) -> None:
-        """Set the largest length of one extension [rad]; 0 takes 7.5 % of the space's extent."""
+        """Set the largest length of one extension [rad]; 0 means 7.5 % of the space's extent."""
         self.range = length
 
     def setSeed(self, seed: int) -> None:
-        """Start the planner's random numbers anew; the same seed gives the same path."""
+        """Seed the planner's random number generator; the same seed gives the same path."""
         self._seed = whole_number("seed", seed, at_least=0)
         self._rng = np.random.default_rng(self._seed)
 
@@ -210,33 +211,33 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         return isinstance(goal, self.plans_to)
 
     def setup(self) -> None:
-        """Prepare for `solve`: read the problem's objective, and measure what planning will need."""
+        """Prepare for `solve`: take changed parameters, read the problem's objective, and prepare the danger weight."""
         ob.Planner.setup(self)
         self._notice_changes()
         if self.getProblemDefinition() is not None:
             self._read_objective()
-        # Planners as printed have no danger.
+        # The planners of the paper as printed have no `_danger`.
         if hasattr(self, "_danger"):
             self._danger.prepare()
 
     def clear(self) -> None:
-        """Forget everything but the parameters. Random numbers go on: the runs of a benchmark must differ."""
+        """Clear all data except the parameters. The generator is not seeded again: runs of a benchmark must differ."""
         ob.Planner.clear(self)
         self._begin_anew()
 
     def clearQuery(self) -> None:
-        """Forget starts and goals, and what was built for them; roadmaps keep what they know of the space."""
+        """Clear starts and goals and the data built for them; roadmaps keep their nodes and edges."""
         self._forget_ends()
         self._query, self._goals = None, 0
         self.getPlannerInputStates().restart()
 
     def solve(self, ptc: Any) -> Any:
-        """Search until a path is found or `ptc` fires, a termination condition or a time limit [s].
+        """Search until a path is found or `ptc`, a termination condition or a time limit [s], ends the search.
 
         The status is EXACT_SOLUTION, APPROXIMATE_SOLUTION, TIMEOUT, INVALID_START, INVALID_GOAL or
-        UNRECOGNIZED_GOAL_TYPE. Where no path was found in time, the path that comes nearest to the goal is the
-        approximate solution. Its difference is the distance that the goal measures. There is none where nothing that
-        was reached is nearer to the goal than a start.
+        UNRECOGNIZED_GOAL_TYPE. If no path is found in time, the approximate solution is the path that ends nearest to
+        the goal, and its difference is the goal's distance. There is no approximate solution if no node is nearer to
+        the goal than a start.
         """
         if isinstance(ptc, (int, float)):
             ptc = ob.timedPlannerTerminationCondition(float(ptc))
@@ -244,50 +245,50 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
             raise InputError(f"{self.getName()}: no problem definition set")
         try:
             return ob.PlannerStatus(self._outcome(ptc))
-        # Ctrl-C may come between the two halves of a step, too.
+        # An exception such as Ctrl-C may leave a step of the search unfinished, so the data are cleared.
         except BaseException:
             self.clear()
             raise
 
     def plannerGraph(self) -> PlannerGraph:
-        """Return what the planner has built so far."""
+        """Return the planner's tree or roadmap as a graph."""
         return self._structure.graph()
 
     getPlannerData = UnansweredRequest()
 
     def fillPlannerData(self, data: Any) -> None:
-        """Append what the planner has built to an `ob.PlannerData`, in the order of `plannerGraph`."""
+        """Append the planner's graph to an `ob.PlannerData`, in the order of `plannerGraph`."""
         self.plannerGraph().fill(data, self._bridge)
 
     # ------------------------------------------------------------------------- what a planner must implement
 
     @abstractmethod
     def _search(self, ptc: Any) -> FloatArray | None:
-        """Return a path (N, n) whose motions are free, or None when `ptc` fires."""
+        """Return a path (N, n) whose motions are free, or None if `ptc` ends the search."""
 
     def _make_parts(self) -> None:
-        """Make the parts of the planner, for the space as it is now."""
+        """Make the planner's helper objects for the present space."""
 
     def _apply_parameters(self) -> None:
-        """Give the parts the values of their parameters, before they are used."""
+        """Pass the values of parameters to the helper objects before a search."""
 
     def _forget(self) -> None:
-        """Drop what has been built, and begin anew without starts and goals."""
+        """Replace the trees or the roadmap by an empty structure, without starts and goals."""
         self._structure = self._trees = Trees(self._bridge, self._problem.cost, self.counts)
 
     def _forget_ends(self) -> None:
-        """Drop what was built for starts and goals."""
+        """Clear the data built for starts and goals."""
         self.counts.reset()
         self._forget()
 
     # ------------------------------------------------------------------------------------- starts and goals
 
     def _take_query(self) -> None:
-        """Take the starts that are not known yet; first forget the query before, if the problem has another one now.
+        """Add the problem's new starts; first clear the old query if the problem definition has changed.
 
-        OMPL tells a planner neither that its problem has other starts or goals nor that its problem is another one.
+        OMPL does not notify a planner of changed starts or goals, nor of another problem definition.
         """
-        # The planner's own inputs only count starts, and do not notice that one was replaced.
+        # The planner's own PlannerInputStates only counts starts, so it does not notice that a start was replaced.
         inputs, starts = ob.PlannerInputStates(self), dict[bytes, FloatArray]()
         while inputs.haveMoreStartStates() and (state := inputs.nextStart()) is not None:
             q = self._bridge.read(state)
@@ -304,19 +305,19 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
                 self._structure.add_start(q)
 
     def _still_serves(self, before: Query, now: Query) -> bool:
-        """Return whether what was built for the query before may go on for the one now."""
+        """Return whether the data built for the query `before` are valid for the query `now`."""
         same_goal = now.goal is before.goal and before.goals <= now.goals
         return now.problem is before.problem and before.starts.keys() <= now.starts.keys() and same_goal
 
     def _take_goals(self, ptc: Any, samples: int = 1) -> None:
-        """Take the goals that the problem offers: all of them at first, one of so many samples now and then later."""
+        """Add goals of the problem: at first all of them, later valid goals among `samples` new samples."""
         for state in self._later_goals(ptc, samples) if self._structure.has_goals else self._first_goals(ptc):
             if state is not None:
                 self._goals += 1
                 self._structure.add_goal(self._bridge.read(state))
 
     def _first_goals(self, ptc: Any) -> Iterator[Any]:
-        """Yield the goal states that there are, up to a hundred; where none is valid yet, until the first that is."""
+        """Yield the first goal states, up to a hundred, or until the first valid one if none of these is valid."""
         inputs = self.getPlannerInputStates()
         if not self.getProblemDefinition().getGoal().maxSampleCount():
             yield inputs.nextGoal(ptc)
@@ -326,7 +327,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
             yield inputs.nextGoal()
 
     def _later_goals(self, ptc: Any, samples: int) -> Iterator[Any]:
-        """Yield another goal state, or none; this never waits. As in OMPL they stay fewer than half of the nodes."""
+        """Yield further goal states or None, without waiting. As in OMPL, goals are fewer than half of the nodes."""
         for _ in range(samples):
             if self.counts.nodes <= self._enough_nodes or ptc():
                 return
@@ -334,7 +335,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     @property
     def _enough_nodes(self) -> int:
-        """With more nodes than this the problem is asked for another goal; no number is enough where it has none."""
+        """Another goal is sampled if there are more nodes than this; infinite if there are no further goals."""
         return 2 * self._goals if self.getPlannerInputStates().haveMoreGoalStates() else sys.maxsize
 
     # -------------------------------------------------------------------------------------------- internals
@@ -370,12 +371,12 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         return ob.PlannerStatus.APPROXIMATE_SOLUTION if difference > 0.0 else ob.PlannerStatus.EXACT_SOLUTION
 
     def _approach(self) -> FloatArray:
-        """Return the free path (N, n) from a start to what was reached nearest to a goal."""
+        """Return the free path (N, n) from a start to the node nearest to a goal."""
         return self._structure.approach(self._bridge)
 
     def _read_objective(self) -> None:
-        """Read the problem's objective; what was built under another one is dropped, as its costs are stale."""
-        # This also happens if an error ends the search early.
+        """Read the problem's objective, and clear the data built under another objective, whose costs are stale."""
+        # If an error ends this method, the objective is read again next time.
         self._read = _UNREAD
         objective = self.getProblemDefinition().getOptimizationObjective()
         self._problem.take(objective)
@@ -388,13 +389,13 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._read = objective
 
     def _take_space(self) -> None:
-        """Plan in the space as it is now."""
+        """Make the planning problem and the helper objects for the present space."""
         self._problem = PlanningProblem(self.getSpaceInformation())
         self._bridge = self._problem.bridge
         self._make_parts()
 
     def _notice_changes(self) -> None:
-        """Take values of parameters, and the space if it has other bounds; drop what was built under other settings."""
+        """Take changed parameters and bounds of the space; clear the data built under other settings."""
         if not self._bridge.is_current:
             self._take_space()
             self._read = _UNREAD
@@ -403,7 +404,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
             self._begin_anew()
 
     def _begin_anew(self) -> None:
-        """Drop all that was built, and take starts and goals anew."""
+        """Clear all data, and read starts and goals again."""
         self._settings = self._problem.settings
         self.counts.reset()
         self._forget()

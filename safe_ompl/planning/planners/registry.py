@@ -1,4 +1,4 @@
-"""The planners by name: ours, their classical counterparts, and OMPL's; what it takes to run them from Python."""
+"""The planners by name: planners of this package, their classical counterparts, and planners of OMPL."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _AS_PRINTED: dict[str, tuple[str, dict[str, Any]]] = {
 
 _PYTHON = {**_OURS, **_AS_PRINTED}
 
-# Bound in OMPL's Python wheel, and safe to run with callbacks in Python.
+# Planners of OMPL's Python wheel that run safely with callbacks in Python.
 _OMPL = ("RRTConnect", "RRT", "RRTstar", "InformedRRTstar", "SORRTstar", "BITstar", "KPIECE1", "BKPIECE1", "LBKPIECE1")
 
 _REFUSED = {
@@ -53,37 +53,37 @@ _REFUSED = {
 
 
 def planner_names() -> list[str]:
-    """Return the names that `make_planner` knows: ours first, then those as printed, and OMPL's."""
+    """Return the names for `make_planner`: this package's planners, the paper's as printed, then OMPL's planners."""
     return [*_OURS, *_AS_PRINTED, *_OMPL]
 
 
 def is_ours(name: str) -> bool:
-    """Return whether the planner called `name` is one of this package, in the form that is meant for use."""
+    """Return whether `name` is a planner of this package, other than the paper's planners as printed."""
     return name in _OURS
 
 
 def needs_place(name: str) -> bool:
-    """Return whether the planner called `name` plans to a `WorkspaceGoal` only."""
+    """Return whether the planner `name` plans to a `WorkspaceGoal` only."""
     return name in _PYTHON and issubclass(_kind(name).plans_to, WorkspaceGoal)
 
 
 def _kind(name: str) -> type[SafePlanner]:
-    """Return the class of one of our planners, whose module is imported only then."""
+    """Import and return the class of a planner of this package."""
     kind: type[SafePlanner] = resolve_name(f"{__package__}.{_PYTHON[name][0]}")
     return kind
 
 
 def accepts(planner: Any, goal: Any) -> bool:
-    """Return whether a planner can plan to a goal; of OMPL's planners it is taken for granted."""
+    """Return whether a planner can plan to a goal; True for all planners of OMPL, which do not say."""
     return planner.accepts(goal) if isinstance(planner, SafePlanner) else True
 
 
 def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None) -> Any:
-    """Return a planner by its name, one of `planner_names()`, for a space information.
+    """Return a new planner for a space information by its name, one of `planner_names()`.
 
-    Values of its parameters are given as a mapping: {"alpha": 1} calls `setAlpha(1)`. An UnknownNameError if there is
-    no such planner or parameter; an InputError if a value is refused or fixed for this planner (α of the classical
-    ones), and for a seed: that is the run's.
+    `parameters` maps names to values: {"alpha": 1} calls `setAlpha(1)`. Raises UnknownNameError if there is no such
+    planner or parameter, and InputError if a value is invalid or fixed for this planner (α of classical planners), or
+    if a seed is given, because the seed belongs to the run.
     """
     given = dict(parameters or {})
     if name in _PYTHON:
@@ -104,14 +104,14 @@ def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None
 
 
 def check_usable(planner: Any) -> None:
-    """Raise InputError if this is one of OMPL's planners that hang, crash, or take no notice of time limits here."""
+    """Raise InputError for planners of OMPL that hang, crash, or ignore time limits if called from Python."""
     for kind in type(planner).__mro__:
         if kind.__name__ in _REFUSED and kind is getattr(og, kind.__name__, None):
             raise _refused(kind.__name__)
 
 
 def check_planner(planner: Any, si: Any) -> None:
-    """Raise an error if this is no name, function or planner on a space information, or one that cannot be used."""
+    """Raise InputError unless `planner` is a name, a function, or a usable planner of the space information."""
     if isinstance(planner, str) or (callable(planner) and not isinstance(planner, type)):
         return
     if isinstance(planner, type) and issubclass(planner, ob.Planner):
@@ -129,7 +129,7 @@ def check_planner(planner: Any, si: Any) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Within, OMPL writes no lines."""
+    """Silence OMPL's log within the block."""
     handler = ou.getOutputHandler()
     ou.noOutputHandler()
     try:
@@ -140,23 +140,23 @@ def _quiet() -> Iterator[None]:
 
 
 def seed_ompl(seed: int) -> None:
-    """Seed OMPL's C++ planners, quietly: it complains of a second seed, though planners built later do follow it."""
+    """Seed OMPL's generators. The log is silenced: OMPL warns of a second seed, but later planners do use it."""
     with _quiet():
-        # The seed 0 would mean "by the clock" to OMPL.
+        # OMPL replaces the seed 0 by the time.
         ou.RNG.setSeed(seed + 1)
 
 
 def settings_of(planner: Any) -> dict[str, bool | int | float]:
-    """Return the parameters of a planner, ours or one of OMPL's, with the values that its getters give now."""
+    """Return the parameters of any planner, with the values that its getters return."""
     found = {key: getattr(planner, f"get{name}", None) for key, name in _settable(planner).items()}
-    # BITstar complains when some of its getters are called.
+    # Some getters of BITstar write warnings.
     with _quiet():
         values = {key: getter() for key, getter in found.items() if getter is not None}
     return {key: value for key, value in values.items() if isinstance(value, (bool, int, float))}
 
 
 def nodes_of(planner: Any) -> int:
-    """Return how many nodes a planner kept."""
+    """Return the number of nodes of a planner's tree or roadmap."""
     if isinstance(planner, SafePlanner):
         return planner.counts.nodes
     # Reading BITstar's graph leaks the graph and the robot, so its samples are counted instead.
@@ -166,9 +166,10 @@ def nodes_of(planner: Any) -> int:
 
 
 def planner_data(planner: Any) -> Any:
-    """Return what a planner has built, as an `ob.PlannerData`: of our planners, of OMPL's, and outside `SafeSetup`.
+    """Return the graph of any planner as an `ob.PlannerData`, also outside `SafeSetup`.
 
-    OMPL's bindings let no planner in Python answer `getPlannerData`: under a plain `og.SimpleSetup` that stays empty.
+    OMPL's bindings do not let planners in Python implement `getPlannerData`, so it is empty in a plain
+    `og.SimpleSetup`.
     """
     data = ob.PlannerData(planner.getSpaceInformation())
     fill = getattr(planner, "fillPlannerData", None) or planner.getPlannerData
@@ -177,7 +178,10 @@ def planner_data(planner: Any) -> Any:
 
 
 def termination(time: Any) -> Any:
-    """Return when to stop. It asks Python, which notices Ctrl-C only when it runs, whenever a C++ planner asks it."""
+    """Return a termination condition for a time limit [s] or another condition; an InputError for other types.
+
+    The condition calls Python, because Python notices Ctrl-C only while it runs.
+    """
     if not isinstance(time, ob.PlannerTerminationCondition):
         is_number = isinstance(time, (int, float, np.integer, np.floating)) and not isinstance(time, bool)
         if not (is_number and time >= 0):
@@ -192,7 +196,7 @@ def _refused(name: str) -> InputError:
 
 
 def _refuse_others(name: str, given: Mapping[str, Any], fixed: Mapping[str, Any]) -> None:
-    """Raise an InputError for parameters that would be set without effect."""
+    """Raise InputError for a seed, and for parameters whose value is fixed."""
     if "seed" in given:
         raise InputError(
             f"parameter 'seed' of {name}: the seed is the run's; give it as such (seed=…, --seed), or call setSeed"
@@ -203,14 +207,14 @@ def _refuse_others(name: str, given: Mapping[str, Any], fixed: Mapping[str, Any]
 
 
 def _settable(planner: Any) -> dict[str, str]:
-    """Return the parameters of a planner: {"goal_bias": "GoalBias"} where it has `setGoalBias`."""
+    """Return the names of a planner's parameters: {"goal_bias": "GoalBias"} if it has `setGoalBias`."""
     setters = {name[3:] for name in dir(type(planner)) if name.startswith("set") and name[3:4].isupper()}
     others = {"Name", "ProblemDefinition", "Parameter", "Seed"}
     return {re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower(): name for name in sorted(setters - others)}
 
 
 def _set_ompls(planner: Any, key: str, value: Any) -> None:
-    """Set a parameter of one of OMPL's planners, where {"goal_bias": 0.1} means `setGoalBias(0.1)`."""
+    """Set a parameter of a planner of OMPL: {"goal_bias": 0.1} calls `setGoalBias(0.1)`."""
     setter = getattr(planner, f"set{camel_case(key)}", None)
     if setter is None:
         raise UnknownNameError(f"parameter of {planner.getName()}", key, sorted(_settable(planner)))

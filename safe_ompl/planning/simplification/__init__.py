@@ -1,4 +1,4 @@
-"""Simplification of paths that minds danger; validation, and reports on paths."""
+"""Danger-aware simplification of paths, validation of paths, and reports on paths."""
 
 import lazy_loader
 
