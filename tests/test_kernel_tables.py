@@ -18,7 +18,7 @@ from safe_ompl import Box, DangerField, Obstacle, PointCloud, Pose, Scene
 from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.collision.proofs import ALLOWANCE, Required
 from safe_ompl.common import Counts
-from safe_ompl.danger import static
+from safe_ompl.danger import CellMotions, static
 from safe_ompl.danger.link_field import Groups
 from safe_ompl.drawing.light import Light
 from safe_ompl.drawing.rendering import Painted, View
@@ -176,17 +176,11 @@ CALLS = {
         True,
     ],
     "moving.cell_bounds": lambda t: [
-        t.places,
-        t.places,
-        t.places[..., 0].copy(),
-        t.places[..., 0].copy(),
-        numbers(4),
-        numbers(4),
+        CellMotions(t.places, t.places, *[t.places[..., 0].copy()] * 2, *[numbers(4)] * 3),
         t.skeleton.links,
         numbers(5, 3),
         1.0,
         True,
-        numbers(4),
         numbers(5),
     ],
     "moving.highest": lambda t: [t.skeleton, t.values, t.values, t.groups, 0.1, 0.1],

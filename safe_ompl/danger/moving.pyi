@@ -1,4 +1,4 @@
-from typing import Any
+from typing import Any, NamedTuple
 
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.danger.static import SkeletonTable
@@ -16,19 +16,18 @@ def gradients(
     spread: float,
     by_length: bool,
 ) -> FloatArray: ...
+
+class CellMotions(NamedTuple):
+    places: FloatArray
+    velocities: FloatArray
+    speeds: FloatArray
+    accelerations: FloatArray
+    halves: FloatArray
+    strokes: FloatArray
+    rates: FloatArray
+
 def cell_bounds(
-    places: FloatArray,
-    velocities: FloatArray,
-    speeds: FloatArray,
-    accelerations: FloatArray,
-    halves: FloatArray,
-    strokes: FloatArray,
-    links: IntArray,
-    points: FloatArray,
-    gamma: float,
-    by_length: bool,
-    rates: FloatArray,
-    enough: FloatArray,
+    cells: CellMotions, links: IntArray, points: FloatArray, gamma: float, by_length: bool, enough: FloatArray
 ) -> FloatArray: ...
 def highest(
     skeleton: SkeletonTable, values: FloatArray, rates: FloatArray, groups: Any, ahead: float, spread: float

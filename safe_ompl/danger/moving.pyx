@@ -35,6 +35,8 @@ from safe_ompl.danger.skeleton cimport SERIES, ZERO, Skeleton, half_gap
 from safe_ompl.danger.static cimport SkeletonTable, lanes, skeleton_of
 from safe_ompl.robot.kinematics cimport key_point_velocities, move_joints, place_joints, place_key_points
 
+from typing import NamedTuple
+
 import numpy as np
 
 from safe_ompl.common import InputError
@@ -427,11 +429,46 @@ cdef void _add_gradients(
             by_b[x] += grown
 
 
+class CellMotions(NamedTuple):
+    """How the K key points of a skeleton move in N cells, pieces of a curve q(s).
+
+    Parameters
+    ----------
+    places, velocities : ndarray, shape (N, K, 3)
+        Key points [m], and their derivatives by s, at the centres of the cells.
+    speeds, accelerations : ndarray, shape (N, K)
+        Bounds V and A of the first and the second derivative of the key points by s in the cells.
+    halves : ndarray, shape (N,)
+        Half the lengths of the cells, h.
+    strokes : ndarray, shape (N,)
+        How fast links may become longer with s.
+    rates : ndarray, shape (N,)
+        Factors of φ′ + γI in the danger: bounds of ṡ in the cells [1/s] times k₂/k₁ [s].
+    """
+
+    places: object
+    velocities: object
+    speeds: object
+    accelerations: object
+    halves: object
+    strokes: object
+    rates: object
+
+
+# `CellMotions` of one cell.
+cdef struct CellMotion:
+    const Skeleton *skeleton
+    const double *places
+    const double *velocities
+    const double *speeds
+    const double *accelerations
+    double half
+    double stroke
+
+
 def cell_bounds(
-    const double[:, :, ::1] places, const double[:, :, ::1] velocities, const double[:, ::1] speeds,
-    const double[:, ::1] accelerations, const double[::1] halves, const double[::1] strokes,
-    const Py_ssize_t[:, ::1] links, const double[:, ::1] points, double gamma, bint by_length,
-    const double[::1] rates, const double[::1] enough,
+    cells, const Py_ssize_t[:, ::1] links, const double[:, ::1] points, double gamma, bint by_length,
+    const double[::1] enough,
 ):
     """Return upper bounds of φ and of φ′ + γI over cells, (2, N, M), summed over links; +inf where p may be reached.
 
@@ -450,14 +487,8 @@ def cell_bounds(
 
     Parameters
     ----------
-    places, velocities : ndarray, shape (N, K, 3)
-        Key points, and their derivatives by s, at the centres of N cells.
-    speeds, accelerations : ndarray, shape (N, K)
-        V and A in the cells.
-    halves : ndarray, shape (N,)
-        Half the lengths of the cells, h.
-    strokes : ndarray, shape (N,)
-        How fast links may become longer with s.
+    cells : CellMotions
+        Motions of the key points in N cells.
     links : ndarray of intp, shape (L, 2)
         Which key points links lead from and to.
     points : ndarray, shape (M, 3)
@@ -466,13 +497,15 @@ def cell_bounds(
         γ.
     by_length : bool
         Whether a link weighs in proportion to its length.
-    rates : ndarray, shape (N,)
-        ṡ in the cells.
     enough : ndarray, shape (M,)
         Where φ + ṡ(φ′ + γI) is no larger than this by a cheaper bound, this bound stands.
     """
+    cdef const double[:, :, ::1] places = cells.places, velocities = cells.velocities
+    cdef const double[:, ::1] speeds = cells.speeds, accelerations = cells.accelerations
+    cdef const double[::1] halves = cells.halves, strokes = cells.strokes, rates = cells.rates
     cdef Py_ssize_t N = places.shape[0], M = points.shape[0], K = places.shape[1], b, p
     cdef Skeleton skeleton = skeleton_of(links, places, by_length)
+    cdef CellMotion cell
     cdef int detail
     cdef double level, push
     _check(places, velocities)
@@ -488,13 +521,14 @@ def cell_bounds(
         return found
     with nogil:
         for b in range(N):
+            cell = CellMotion(
+                &skeleton, &places[b, 0, 0], &velocities[b, 0, 0], &speeds[b, 0], &accelerations[b, 0], halves[b],
+                strokes[b],
+            )
             for p in range(M):
                 for detail in range(3):
                     level = push = 0.0
-                    _add_cell_bounds(
-                        &skeleton, &places[b, 0, 0], &velocities[b, 0, 0], &speeds[b, 0], &accelerations[b, 0],
-                        halves[b], strokes[b], &points[p, 0], gamma, detail, &level, &push,
-                    )
+                    _add_cell_bounds(&cell, &points[p, 0], gamma, detail, &level, &push)
                     out[0, b, p] = level * (1 + CLOSED_FORM_ROUNDING)
                     out[1, b, p] = push
                     if level == INFINITY or (detail == 1 and gamma == 0):
@@ -505,11 +539,13 @@ def cell_bounds(
 
 
 cdef void _add_cell_bounds(
-    const Skeleton *s, const double *places, const double *velocities, const double *speeds,
-    const double *accelerations, double h, double stroke, const double *point, double gamma, int detail,
-    double *level, double *push,
+    const CellMotion *cell, const double *point, double gamma, int detail, double *level, double *push
 ) noexcept nogil:
     """Add the bounds of all links in a cell; with more detail they are better and take longer."""
+    cdef const Skeleton *s = cell.skeleton
+    cdef const double *places = cell.places
+    cdef const double *velocities = cell.velocities
+    cdef double h = cell.half, stroke = cell.stroke
     cdef double w[3]
     cdef double D[3]
     cdef double u[3]
@@ -526,7 +562,7 @@ cdef void _add_cell_bounds(
         t = min(1.0, max(0.0, t))
         x, y, z = u[0] - t * w[0], u[1] - t * w[1], u[2] - t * w[2]
         away = sqrt(x * x + y * y + z * z)
-        V, A = max(speeds[i], speeds[j]), max(accelerations[i], accelerations[j])
+        V, A = max(cell.speeds[i], cell.speeds[j]), max(cell.accelerations[i], cell.accelerations[j])
         near = away - V * h
         if near <= 0.0:
             level[0] = push[0] = INFINITY

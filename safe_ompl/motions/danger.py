@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
-from safe_ompl.danger import KinetostaticField, cell_bounds
+from safe_ompl.danger import CellMotions, KinetostaticField, cell_bounds
 from safe_ompl.motions.bodies import acceleration_bounds
 from safe_ompl.motions.cells import Cells, divided_edges
 from safe_ompl.motions.motion import Motion
@@ -98,20 +98,18 @@ def cell_danger(
     weights = np.ones(len(points)) if field.weights is None else field.weights
     field.count(len(keypoints), len(points))
     strokes = dq_ds[:, sliding].sum(axis=1)
-    state = np.ascontiguousarray(keypoints), np.ascontiguousarray(velocities)
-    level, increase = cell_bounds(
-        *state,
+    moved = CellMotions(
+        np.ascontiguousarray(keypoints),
+        np.ascontiguousarray(velocities),
         speeds,
         accelerations,
         halves,
         strokes,
-        field.links,
-        plain(points),
-        moving.gamma,
-        field.weighting == "length",
         moving.lead * rates,
-        (enough if field.aggregate == "max" else -np.inf) / (field.k1 * weights),
     )
+    enoughs = (enough if field.aggregate == "max" else -np.inf) / (field.k1 * weights)
+    by_length = field.weighting == "length"
+    level, increase = cell_bounds(moved, field.links, plain(points), moving.gamma, by_length, enoughs)
     return CellDanger(moving, field.k1 * level, moving.k2 * increase)
 
 
