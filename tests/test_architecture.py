@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from functools import cache
 from graphlib import TopologicalSorter
 from importlib import import_module
@@ -143,6 +144,16 @@ def test_no_module_needs_itself_to_be_imported():
             target = homes.get((target, found.name), target)
         sources.setdefault(found.importer, set()).add(target)
     tuple(TopologicalSorter(sources).static_order())  # raises CycleError
+
+
+def test_a_class_name_has_one_meaning():
+    homes: dict[str, set[str]] = {}
+    for path in sorted(PACKAGE.rglob("*.py*")):
+        if path.suffix in (".py", ".pyx"):
+            for name in re.findall(r"(?m)^\s*(?:cdef )?class (\w+)", path.read_text(encoding="utf-8")):
+                homes.setdefault(name, set()).add(str(path.relative_to(PACKAGE)))
+    twice = {name: sorted(files) for name, files in homes.items() if len(files) > 1}
+    assert not twice
 
 
 @pytest.mark.parametrize("package", [package for package, names in PUBLIC_NAMES.items() if names])
