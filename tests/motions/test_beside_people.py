@@ -201,7 +201,7 @@ def test_what_cannot_be_is_refused(timed, panda, shelf_path, panda_limits):
         timed(People(contact=True), replace(panda_limits, jerk=np.full(7, 1e3)))
     with pytest.raises(InputError, match="time: must be"):
         timed(People()).stop_from(-1)
-    with pytest.raises(InputError, match="made without people"):
+    with pytest.raises(InputError, match="computed without people"):
         timed(None).stop_from(0.1)
 
 

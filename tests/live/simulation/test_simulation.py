@@ -259,7 +259,7 @@ def test_the_command_drives_a_program_and_goes_on_where_it_stopped(tmp_path, cap
         (["--people", "random:0"], "random:N with a whole number N of at least 1, not 'random:0'"),
         (["--people", "random", "--clip", "clip_0"], "--clip: is for recordings, not for 'random'"),
         (["--html", "page.txt"], "--html: 'page.txt' must end in .html"),
-        (None, "--people: nobody and nothing moves"),
+        (None, "--people: no person and no object moves"),
         (["--movers", "1", "--clip", "clip_0"], "--clip: there is nobody"),
         (["--movers", "1", "--place", "1,0,0,0"], "--place: there is nobody"),
     ],
