@@ -1,4 +1,4 @@
-"""Forward kinematics of a robot: configurations, key points and their Jacobians, and the tip."""
+"""Forward kinematics: configurations, joint limits, key points and their Jacobians, and the tip pose."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ from safe_ompl.robot.parts import RobotParts
 
 _log = logging.getLogger(__name__)
 
-# Types are compared with ==, since arrays of kernels have an equal type, not the same object.
+# dtypes are compared with ==, because arrays of compiled modules can have an equal dtype that is another object.
 _FLOAT = np.dtype(np.float64)
-# A value may be outside its limits by this.
+# Joint values may exceed their limits by this.
 _WITHIN = 1e-9  # [rad or m]
-# A robot that stands outside its joint limits by at most this begins at the limit. MoveIt clips starts by as much.
+# A start outside the joint limits by at most this is clipped to the limits, as in MoveIt.
 START_TOLERANCE = 0.05  # [rad or m]
 _LARGEST = sys.float_info.max
-# In an interval of a motion that is shorter than this, joints that may leave their limits count as leaving them.
+# Intervals of the motion's parameter are not bisected below this length. Undecided joints then count as leaving.
 _SHORTEST = 1e-9
 
 
 class KinematicTree:
-    """The m joints of a robot, and K key points at `offsets` [m] in frames of `carriers`, for compiled code.
+    """Tables of m joints and of K key points at `offsets` [m] in the frames of `carriers`, for compiled code.
 
-    `skeleton` are the key points that links (L, 2) have, as a table, and the links between these. Those that are always
-    at the same place, as the origins of the joints of a wrist are, are one there.
+    `skeleton` is the table of the key points at the ends of the links (L, 2), with the links between them. Key points
+    that always coincide, such as the joint origins of a spherical wrist, are merged there.
     """
 
     def __init__(self, chain: JointChain, carriers: IntArray, offsets: FloatArray, links: IntArray) -> None:
@@ -74,7 +74,7 @@ class KinematicTree:
 
 
 def plain(array: Any) -> FloatArray:
-    """Return `array` as the one kind of array that kernels are compiled for, itself where it is one."""
+    """Return `array` as a C-contiguous writable float64 array for compiled code, without a copy if possible."""
     flags = array.flags
     if array.dtype == _FLOAT and flags.c_contiguous and flags.writeable:
         return array  # type: ignore[no-any-return]
@@ -85,7 +85,7 @@ def plain(array: Any) -> FloatArray:
 class Coupling:
     """The affine map from the n planned joints to the m joints of Pinocchio's model, matrix (m, n)·q + offsets.
 
-    Where nothing mimics it is trivial: m = n and every array is returned as it came.
+    Without mimic joints the map is trivial: m = n, and the methods return their argument.
     """
 
     matrix: FloatArray
@@ -94,7 +94,7 @@ class Coupling:
 
     @classmethod
     def of(cls, joints: list[str], mimics: Mapping[str, Mimic]) -> Coupling:
-        """Return the coupling of the model's `joints`, of which those in `mimics` follow planned ones directly."""
+        """Return the coupling of the model's `joints`. The joints in `mimics` must follow planned joints directly."""
         planned = [name for name in joints if name not in mimics]
         matrix, offsets = np.zeros((len(joints), len(planned))), np.zeros(len(joints))
         for row, name in enumerate(joints):
@@ -110,28 +110,28 @@ class Coupling:
         return q if self.trivial else q @ self.matrix.T + self.offsets
 
     def motions(self, delta: FloatArray) -> FloatArray:
-        """Return the motions (…, m) of the model's joints while the planned ones move by `delta: (…, n)`."""
+        """Return the displacements (…, m) of the model's joints if the planned joints move by `delta: (…, n)`."""
         return delta if self.trivial else delta @ self.matrix.T
 
     def reach(self, steps: FloatArray) -> FloatArray:
-        """Return how far (…, m) the model's joints move while the planned ones move by up to `steps: (…, n)` ≥ 0."""
+        """Bound the displacements (…, m) of the model's joints if planned joints move by up to `steps: (…, n)` ≥ 0."""
         return steps if self.trivial else steps @ np.abs(self.matrix).T
 
     def radii(self, radii: FloatArray) -> FloatArray:
-        """Return the radii (…, n) that bound what `radii: (…, m)` bound: Σ_j r_j·|Δ_j| ≤ Σ_i (Σ_j r_j·|c_ji|)·|Δ_i|."""
+        """Convert motion bounds (…, m) to planned joints (…, n): Σ_j r_j·|Δ_j| ≤ Σ_i (Σ_j r_j·|c_ji|)·|Δ_i|."""
         return radii if self.trivial else radii @ np.abs(self.matrix)
 
     def columns(self, derivatives: FloatArray) -> FloatArray:
-        """Return derivatives (…, n) by the planned joints from those (…, m) by the model's joints."""
+        """Convert derivatives (…, m) by the model's joints to derivatives (…, n) by the planned joints."""
         return derivatives if self.trivial else derivatives @ self.matrix
 
 
 class ForwardKinematics:
-    """Joints of a robot and where they bring its key points and its tip.
+    """Forward kinematics of a robot: joints, key points and tip.
 
-    The n planned joints move the m ≥ n joints of Pinocchio's model: where a joint mimics another one, m > n.
-    `joint_prismatic: (m,)` says which of these slide, `joint_keypoint_support: (K, m)` which move each key point. The
-    `tip_joint` carries the tip, at `tip_placement` in its frame.
+    The n planned joints move the m ≥ n joints of Pinocchio's model; mimic joints make m > n. `joint_prismatic: (m,)`
+    marks the prismatic joints, `joint_keypoint_support: (K, m)` the joints that move each key point. The tip is at
+    `tip_placement` in the frame of `tip_joint`.
     """
 
     def __init__(self, parts: RobotParts) -> None:
@@ -149,7 +149,7 @@ class ForwardKinematics:
         turning = np.array([joint.nq == 2 for joint in joints])
         first: IntArray = np.array([joint.idx_q for joint in joints], dtype=np.intp)
         self._turning, self._straight, self._circular = turning, first[~turning], first[turning]
-        # Pinocchio's configurations are those of the package.
+        # If this is true, Pinocchio's configurations equal those of the package.
         self._plain = self.coupling.trivial and not turning.any()
         self._chain = parts.chain
         self.joint_prismatic: BoolArray = self._chain.prismatic
@@ -176,9 +176,9 @@ class ForwardKinematics:
             array.setflags(write=False)
 
     def configuration(self, value: ArrayLike | Mapping[str, float], name: str = "configuration") -> FloatArray:
-        """Return `value` as a configuration (n,): an array-like, or a mapping of every joint's name to its value.
+        """Return `value`, an array-like or a mapping of all joint names to values, as a configuration (n,).
 
-        Raises InputError, which starts with the name, if the shape is wrong, a number is not finite, or a joint is
+        Raises InputError, which starts with `name`, if the shape is wrong, a number is not finite, or a joint is
         missing; UnknownNameError for a joint that the robot does not have.
         """
         if isinstance(value, Mapping):
@@ -192,26 +192,26 @@ class ForwardKinematics:
         return finite_array(value, (self.n,), name)
 
     def _checked(self, q: ArrayLike | Mapping[str, float]) -> FloatArray:
-        """Return `configuration(q)`, at a tenth of the cost where `q` is a configuration already."""
+        """Return `configuration(q)`, ten times as fast if `q` is a float array (n,)."""
         return self.configuration(q) if isinstance(q, Mapping) else configuration(q, self.n)
 
     def configurations(self, values: ArrayLike) -> FloatArray:
-        """Return `values` as configurations (B, n); raise InputError for a wrong shape or what is not finite."""
+        """Return `values` as configurations (B, n). Raises InputError for a wrong shape, NaN or infinity."""
         return finite_array(values, (None, self.n), "configurations")
 
     def way_points(self, values: ArrayLike, name: str = "path") -> FloatArray:
-        """Return `values` as way points (N, n) of a path, between which joints move on straight lines.
+        """Return `values` as way points (N, n) of a path of straight segments in joint space.
 
-        Raises InputError for a wrong shape, for what is not finite, and as `check_turns`.
+        Raises InputError for a wrong shape, NaN or infinity, and as `check_turns`.
         """
         points = finite_array(values, (None, self.n), name)
         self.check_turns(points[:-1], points[1:], name)
         return points
 
     def check_turns(self, starts: FloatArray, ends: FloatArray, name: str) -> None:
-        """Raise InputError where a continuous joint turns by more than half a turn from `starts` to `ends: (B, n)`.
+        """Raise InputError if a continuous joint moves by more than π from `starts` to `ends: (B, n)`.
 
-        There the straight motion that the numbers describe is another one than the motion by `difference`.
+        For such a motion, interpolating the numbers gives another motion than `difference`.
         """
         steps = ends - starts
         if self._wraps and (steps != self.difference(starts, ends)).any():
@@ -223,9 +223,9 @@ class ForwardKinematics:
             )
 
     def pinocchio_configuration(self, q: ArrayLike) -> FloatArray:
-        """Return `q: (n,)` in Pinocchio's form (nq,): cosine and sine for each continuous joint, mimic joints too.
+        """Return `q: (n,)` as Pinocchio's configuration (nq,): continuous joints as cosine and sine, with mimic joints.
 
-        An array of floats of the right shape is not looked at further: NaN passes.
+        A float array of the right shape is not checked for NaN.
         """
         if type(q) is not np.ndarray or q.shape != self._shape or q.dtype != _FLOAT:
             q = self.configuration(q)
@@ -241,7 +241,7 @@ class ForwardKinematics:
         return full
 
     def difference(self, start: ArrayLike, end: ArrayLike) -> FloatArray:
-        """Return the motion from `start` to `end` (matching shapes (…, n)); continuous joints go the short way."""
+        """Return the displacement from `start` to `end`, both (…, n), as `pin.difference`: continuous joints in ±π."""
         delta: FloatArray = np.subtract(end, start, dtype=np.float64)
         if self._wraps:
             wrapped = delta[..., self.continuous]
@@ -249,20 +249,20 @@ class ForwardKinematics:
         return delta
 
     def unrolled(self, path: FloatArray) -> FloatArray:
-        """Return the path (N, n) with continuous joints that do not jump where they wrap; others stay as they are."""
+        """Return the path (N, n) with the jumps of continuous joints at ±π removed, as by `np.unwrap`."""
         return unrolled(plain(path), self.continuous)
 
     def within_limits(self, q: ArrayLike, tolerance: float = _WITHIN) -> BoolArray:
-        """Return for each joint whether `q: (n,)` respects its limits; continuous joints always do, NaN never."""
+        """Return for each joint (n,) whether `q: (n,)` is within its limits: continuous joints always, NaN never."""
         values = np.asarray(q, dtype=np.float64)
         inside: BoolArray = (values >= self.lower - tolerance) & (values <= self.upper + tolerance)
         return inside | (self.continuous & np.isfinite(values)) if self._wraps else inside
 
     def beyond_limits(self, q: FloatArray) -> str | None:
-        """Return which joint is outside its limits at `q: (n,)`, with its value and these; None if none is."""
+        """Describe the first joint outside its limits at `q: (n,)`, with value and limits; None if there is none."""
         for i in () if self.joint_limits.hold(q) else np.flatnonzero(~self.within_limits(q)):
             value, low, high = told_apart(q[i], self.lower[i], self.upper[i])
-            # A value of more than a turn that fits the limits in degrees was most likely meant in degrees.
+            # If a value above 2π is within the limits when read as degrees, it was most likely given in degrees.
             turned = np.radians(q[i])
             likely = abs(q[i]) > 2 * np.pi and self.lower[i] <= turned <= self.upper[i]
             hint = f"; degrees? {q[i]:g}° are {turned:.4g} rad" if likely and not self.prismatic[i] else ""
@@ -270,10 +270,10 @@ class ForwardKinematics:
         return None
 
     def clipped_start(self, q: ArrayLike | Mapping[str, float], name: str = "start") -> FloatArray:
-        """Return a start (n,) with values that are outside their limits by at most `START_TOLERANCE` brought to these.
+        """Return a start (n,) with values clipped that exceed their limits by at most `START_TOLERANCE`.
 
-        A warning names joint, value and limit: the motion to the limit is no part of what is planned or proven. Values
-        farther outside stay as they are. Errors as `configuration`.
+        A warning names joint, value and limit: the motion to the limit is neither planned nor proven. Values farther
+        outside are not changed. Raises as `configuration`.
         """
         given = self.configuration(q, name)
         nearest = np.where(self.continuous, given, np.minimum(np.maximum(given, self.lower), self.upper))
@@ -302,12 +302,12 @@ class ForwardKinematics:
         return self.kinematics.table.frames(plain(self.coupling.values(Q)))
 
     def pull_back(self, Q: FloatArray, gradients: FloatArray) -> FloatArray:
-        """Map gradients (B, K, 3) by the key points at `Q: (B, n)` to gradients (B, n) by the joints, Σ_k J_kᵀ g_k."""
+        """Return Σ_k J_kᵀ g_k (B, n) for gradients g (B, K, 3) by the key points at `Q: (B, n)`."""
         values, keypoints = plain(self.model_values(Q)), self.kinematics.keypoint_table
         return self.coupling.columns(keypoints.jacobian_transpose_product(values, plain(gradients)))
 
     def keypoint_motions(self, Q: FloatArray, delta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return x [m], dx/dt and d²x/dt², (B, K, 3) each, of key points at `Q: (B, n)` at steady rates `delta`."""
+        """Return x [m], dx/dt and d²x/dt², each (B, K, 3), of the key points at `Q: (B, n)` for constant dq/dt."""
         values, rates = plain(self.model_values(Q)), plain(self.coupling.motions(delta))
         return self.kinematics.keypoint_table.motions(values, rates)
 
@@ -318,7 +318,7 @@ class ForwardKinematics:
         return pin.SE3(data.oMf[self.tip_frame])
 
     def tip_jacobian(self, q: ArrayLike) -> FloatArray:
-        """Return the Jacobian (6, n) of the tip: linear, then angular velocity, in world-aligned axes."""
+        """Return the Jacobian (6, n) of the tip, linear before angular rows, in world-aligned axes."""
         jacobian: FloatArray = pin.computeFrameJacobian(
             self._model,
             self._scratch.own,
@@ -329,18 +329,18 @@ class ForwardKinematics:
         return self.coupling.columns(jacobian)
 
     def model_values(self, Q: ArrayLike) -> FloatArray:
-        """Return the values (B, m) of the model's joints at `Q: (B, n)`; what is an array of floats may hold NaN."""
+        """Return the values (B, m) of the model's joints at `Q: (B, n)`. A float array is not checked for NaN."""
         if type(Q) is not np.ndarray or Q.ndim != 2 or Q.shape[1] != self.n or Q.dtype != _FLOAT:
             Q = self.configurations(Q)
         return self.coupling.values(Q)
 
     @cached_property
     def joint_limits(self) -> JointLimits:
-        """What says whether configurations are within the limits of the joints."""
+        """Test of joint limits for configurations and motions."""
         return JointLimits(self)
 
     def supporting_joints(self, joints: IntArray) -> BoolArray:
-        """Return for each of Pinocchio's joints (K,) which of the m joints move it, (K, m)."""
+        """Return which of the m joints move each of Pinocchio's `joints: (K,)`, as booleans (K, m)."""
         support = np.zeros((len(joints), self._model.nv), dtype=bool)
         for row, joint in enumerate(joints):
             support[row, self._chain.path_to_root(int(joint))] = True
@@ -348,7 +348,7 @@ class ForwardKinematics:
 
 
 class JointLimits:
-    """Says whether a configuration is finite and within the joint limits of a robot."""
+    """Joint limits of a robot, with tests for configurations and polynomial motions."""
 
     def __init__(self, robot: ForwardKinematics) -> None:
         lower = np.where(robot.continuous, -_LARGEST, robot.lower - _WITHIN)
@@ -360,27 +360,30 @@ class JointLimits:
         self.table = EdgeTable(table, np.array([lower, upper]))
 
     def hold(self, q: FloatArray) -> bool:
-        """Return whether `q: (n,)` is within limits; NaN and infinity never are."""
+        """Return whether `q: (n,)` is finite and within the limits."""
         return self.table.hold(q)
 
     def within(self, lower: FloatArray, upper: FloatArray) -> JointLimits:
-        """Return the limits that demand of `q: (n,)` to be within other bounds, too."""
+        """Return the intersection of these limits with the bounds `lower` and `upper`, each (n,)."""
         narrower = copy(self)
         low, high = self.table.bounds
         narrower.table = EdgeTable(self.table.coupling, np.array([np.maximum(low, lower), np.minimum(high, upper)]))
         return narrower
 
     def hold_curves(self, curves: FloatArray) -> BoolArray:
-        """Return of which motions (E,) of coefficients (E, d + 1, n) the control points prove that they hold."""
+        """Return which motions (E,), with coefficients (E, d + 1, n), have all Bézier control points within the limits.
+
+        Such a motion is proven to be within the limits.
+        """
         low, high = self.table.bounds
         points = polynomials.bernstein(curves)
         return np.asarray(((low <= points) & (high >= points)).all(axis=(1, 2)))
 
     def left_by(self, curve: Sequence[FloatArray]) -> tuple[int, float] | None:
-        """Return a joint that leaves its limits on the motion q(t) = Σ_k c_k t^k, t in [0, 1], and a t where it may.
+        """Return a joint that leaves its limits on the motion q(t) = Σ_k c_k t^k, t in [0, 1], with a t where it may.
 
-        None is a proof that no joint does: control points of the Bernstein form hold the polynomial. A joint that comes
-        within rounding of leaving is taken to leave. The `curve` is c_0 … c_d, each (n,).
+        None proves that no joint leaves, since a polynomial is in the convex hull of its Bézier control points. A joint
+        within rounding of its limit counts as leaving. The `curve` is c_0 … c_d, each (n,).
         """
         low, high = self.table.bounds[:, :, None]
         waiting = [(0.0, 1.0, polynomials.bernstein(np.array(curve)[None])[0].T)]

@@ -1,4 +1,4 @@
-"""What a robot is built from: plain data, for scenario files and for other processes, and the building itself."""
+"""The class `RobotSpec`: the data that a robot is built from, for scenario files and other processes."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
 _ENDINGS = {"urdf": (".urdf", ".xml", ".xacro"), "srdf": (".srdf", ".xml", ".xacro")}
 _OF_FILES = ("srdf", "package_dirs", "xacro_args")
 _OF_ONE_ROBOT = (*_OF_FILES, "locked", "limits", "joint_limits", "group", "free")
-# How far each finger of the Panda's hand is opened.
+# Opening of each finger of the Panda's hand.
 _GRIPPER_OPEN = 0.04  # [m]
 
 
@@ -87,7 +87,7 @@ EXAMPLES: dict[str, ExampleRobot] = {
 @cache
 def robots_folder() -> Path:
     """Return the folder that holds the robots of example-robot-data, or raise InputError if it is not installed."""
-    # Its wheels have one place for their data. To find it among the 1000 files of the package takes 40 ms.
+    # Wheels install the data in this folder. A search through the 1000 files of the package takes 40 ms.
     for folder in (Path(entry, "cmeel.prefix", "share", "example-robot-data", "robots") for entry in sys.path):
         if folder.is_dir():
             return folder.resolve()
@@ -121,7 +121,7 @@ def _ranges(name: str, value: Any) -> Ranges:
 
 
 def read_robot(name: str, value: Any) -> RobotSpec:
-    """Return a robot, given as one or as a document has it."""
+    """Return `value` if it is a `RobotSpec`, else read it as a mapping of a document."""
     if isinstance(value, RobotSpec):
         return value
     with document.within(name):
@@ -129,7 +129,7 @@ def read_robot(name: str, value: Any) -> RobotSpec:
 
 
 def _words(name: str, value: Any) -> dict[str, str] | None:
-    """Return values of YAML as xacro reads them: `true` is the word "true"."""
+    """Return YAML values as the text that xacro expects: `true` becomes "true"."""
     if value is None:
         return None
     for argument, word in document.mapping(name, value).items():
@@ -140,56 +140,57 @@ def _words(name: str, value: Any) -> dict[str, str] | None:
 
 @dataclass(frozen=True)
 class RobotSpec(Section):
-    """How to build a robot: `Robot(spec)` does it. Its fields are the options of `Robot.from_urdf`, too.
+    """The data that `Robot(spec)` builds a robot from. Its fields are also the options of `Robot.from_urdf`.
 
     Parameters
     ----------
     example : str, optional
-        Name of a robot of example-robot-data; give this, `urdf` or `robots`.
+        Name of a robot of example-robot-data; give either this, `urdf` or `robots`.
     urdf : path-like, optional
-        The URDF. One that holds xacro is expanded by the package xacro (`pip install xacro`).
+        The URDF. A URDF with xacro is expanded by the package xacro (`pip install xacro`).
     srdf : path-like, optional
-        SRDF whose disabled collision pairs are not checked. Without one, or with one that disables nothing,
-        pairs of adjacent links and pairs that are always in contact are dropped, and the log says which.
+        SRDF whose disabled collision pairs are not checked. Without an SRDF, or if it disables nothing, pairs of
+        adjacent links and pairs that are always in contact are not checked, and the log lists these pairs.
     package_dirs : sequence of path-like, NamedPackage or mapping
-        Folders that hold the packages of `package://` names; those above the URDF are searched as well. A mapping
-        {name: folder} is the package of that name.
+        Folders that contain the packages of `package://` names. The folders above the URDF are searched as well. A
+        mapping {name: folder} gives the folder of one package.
     tip : str, optional
-        Frame at the end of the arm. Joints that do not move it are held; a warning says at which posture.
-        Default: that of the example, or the body farthest from the base; where that is a finger, the hand.
+        Frame at the end of the arm. Joints that do not move this frame are held; a warning gives their values.
+        Default: the tip of the example, or the body farthest from the base; if this body is a finger, the hand.
     locked : mapping of str to float, optional
-        Joints to hold still, with their values [rad or m]. A joint that mimics a locked one is locked with it.
-        None: those that the example locks by default.
+        Joints to hold still, with their values [rad or m]. Joints that mimic a locked joint are locked as well.
+        None: the joints that the example locks by default.
     free : sequence of str
-        Joints that move although they are locked, or do not move the tip, such as a gripper's fingers.
+        Joints that move although they are locked or do not move the tip, such as the fingers of a gripper.
     base : Pose, pin.SE3, mapping or position, optional
-        Where the robot's base is in the world: in a document `position` [m] and `quaternion_xyzw`, `rpy` or `yaw`.
+        Pose of the base in the world; in a document `position` [m] and `quaternion_xyzw`, `rpy` or `yaw`.
     mobile_base : pair of (float, float), optional
-        Limits ((x0, x1), (y0, y1)) [m] of a base that slides in x and y and turns about z: three joints more,
-        base_x, base_y and base_yaw, before the others. `base` is then the origin of these.
+        Limits ((x0, x1), (y0, y1)) [m] of a base that slides in x and y and rotates about z. The three joints base_x,
+        base_y and base_yaw are added before the others, with their origin at `base`.
     attached : sequence, optional
-        Objects in the gripper: each a shape and a pose as an obstacle of a scene has them, and `link`; `touch_links`
-        and `danger` if wanted.
+        Objects in the gripper: each with shape and pose as an obstacle of a scene, `link`, and optionally `touch_links`
+        and `danger`.
     robots : mapping of str to RobotSpec, optional
-        Several robots in one cell, by the prefix of their names; `tip` is the prefix of one of them then.
+        Several robots in one cell, by the prefix of their names; `tip` is then the prefix of one of them.
     name : str, optional
-        Name for reports; the URDF's, and of several robots "cell", by default.
+        Name for reports; default: the name in the URDF, or "cell" for several robots.
     group : str, optional
-        Group of the SRDF whose joints move, the others are held: at zero, unless `locked` says where.
+        Group of the SRDF whose joints move. The other joints are held at zero, or at their values in `locked`.
     collision : {"required", "visual"}
-        What collides of links that have visual shapes only. "visual": those shapes. Otherwise nothing, which
-        `links_without_collision` and a warning say; a robot with no collision shape on any moving link is refused.
+        Collision geometry of links that have visual shapes only. "visual": the visual shapes. "required": none, with a
+        warning and an entry in `links_without_collision`. A robot without a collision shape on any moving link is
+        refused.
     accelerations : mapping of str to float, optional
-        Acceleration limits by joint [rad/s² or m/s²]: URDFs have none. Those of a scenario's `motion` come first.
+        Acceleration limits by joint [rad/s² or m/s²]. A URDF has none. Those of a scenario's `motion` take precedence.
     xacro_args : mapping of str to str, optional
-        Values of xacro's arguments. None refuses xacro, which evaluates expressions of Python.
+        Values of xacro's arguments. None refuses xacro, because xacro evaluates Python expressions.
     limits : mapping of str to (float, float), optional
-        Joint limits that replace those of the URDF and of `joint_limits` [rad or m].
+        Joint limits [rad or m] that replace those of the URDF and of `joint_limits`.
     joint_limits : path-like, optional
         MoveIt's `joint_limits.yaml`, which narrows positions and velocities of the URDF, and gives accelerations and
-        jerks. Where it is wider the URDF applies, with a warning: in MoveIt the file would.
+        jerks. If the file is wider than the URDF, the URDF applies, with a warning; MoveIt would use the file.
     models : optional
-        Pinocchio's models instead of files; see `Robot.from_models`.
+        Pinocchio models instead of files; see `Robot.from_models`.
 
     Raises
     ------
@@ -220,7 +221,7 @@ class RobotSpec(Section):
     models: Models | None = None
 
     def check(self) -> None:
-        """Raise InputError unless there is one robot, or one cell, and what is said fits it."""
+        """Raise InputError unless there is exactly one source of the robot and all options fit this source."""
         sources = (self.example, self.urdf, self.robots or None, self.models)
         if sum(source is not None for source in sources) != 1:
             raise InputError("give either example or urdf, one of the two (or robots)", "example")
@@ -248,7 +249,7 @@ class RobotSpec(Section):
 
     @classmethod
     def from_mapping(cls, data: Any, folder: Path | None = None) -> RobotSpec:
-        """Read the name of an example, or a mapping whose files, which must exist, are relative to `folder`."""
+        """Read the name of an example, or a mapping. Its files must exist and are relative to `folder`."""
         if isinstance(data, str):
             return cls(example=data)
         spec = super().from_mapping(document.mapping("robot", data), folder)
@@ -258,7 +259,7 @@ class RobotSpec(Section):
         return spec
 
     def with_package_dirs(self, folders: Sequence[PackageDir]) -> RobotSpec:
-        """Return the spec with more folders that hold packages, searched first, for each URDF that it names."""
+        """Return the spec with more package folders for each of its URDFs. The new folders are searched first."""
         if self.example is not None:
             raise InputError(f"is for robots from a URDF; {self.example!r} brings its own files", "package-dir")
         if self.urdf is not None:
@@ -267,20 +268,20 @@ class RobotSpec(Section):
         return replace(self, robots=robots)
 
     def by_joint(self, of: Callable[[RobotSpec], Mapping[str, float]]) -> dict[str, float]:
-        """Return what `of` says of the joints of a robot; in a cell of those of all its robots, with their prefixes."""
+        """Return `of(spec)`, values by joint. In a cell, the values of all robots with their prefixes are added."""
         members = {prefix: robot.by_joint(of) for prefix, robot in self.robots.items()}
         own = {f"{prefix}_{joint}": value for prefix, known in members.items() for joint, value in known.items()}
         return {**own, **of(self)}
 
     def rates_of_file(self, kind: str) -> dict[str, float]:
-        """Return the accelerations or jerks of `joint_limits` by joint [rad/s² or rad/s³; m where a joint slides]."""
+        """Return acceleration or jerk limits of `joint_limits` by joint [rad/s² or rad/s³; m for prismatic joints]."""
         return {} if self.joint_limits is None else self.joint_limits.rates(kind)
 
     def group_state(self, name: str) -> dict[str, float]:
-        """Return the joint values of a state in the SRDF [rad or m], of the robot's group if it is one of that.
+        """Return the joint values of a group state in the SRDF [rad or m], preferably of the robot's group.
 
-        Raises InputError if there is no SRDF, or the states of that name of several groups differ; UnknownNameError,
-        which lists the states that there are.
+        Raises InputError if there is no SRDF, or if several groups have different states of this name;
+        UnknownNameError, with the known states, if there is no such state.
         """
         if self.robots:
             return self.by_joint(lambda spec: {} if spec.robots else spec.group_state(name))
@@ -290,7 +291,7 @@ class RobotSpec(Section):
         return srdf.group_state(name, self.group)
 
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> RobotSpec:
-        """Return the spec with other limits [rad or m] for the joints named, those of base and cell included."""
+        """Return the spec with other limits [rad or m] for the named joints, also of a mobile base and in a cell."""
         rest, robots, ranges = dict(limits), dict(self.robots), self.mobile_base
         if ranges is not None:
             if BASE_JOINTS[2] in rest:
@@ -305,7 +306,7 @@ class RobotSpec(Section):
         return replace(self, mobile_base=ranges, robots=robots, limits={**self.limits, **rest})
 
     def resolved(self) -> RobotSpec:
-        """Return the spec with the files and settings of the example that it names, itself if it names none."""
+        """Return the spec with the example replaced by its files and settings; unchanged without an example."""
         if self.example is None:
             return self
         example, folder = find_example(self.example), robots_folder()
@@ -321,7 +322,7 @@ class RobotSpec(Section):
         )
 
     def urdf_file(self) -> UrdfFile:
-        """Read the URDF, which there must be."""
+        """Read the URDF. The spec must have one."""
         assert self.urdf is not None
         for_srdf = self.srdf is not None and self.srdf.suffix == ".xacro"
         return UrdfFile(self.urdf, self.package_dirs, self.xacro_args, may_be_plain=for_srdf)
@@ -331,7 +332,7 @@ class RobotSpec(Section):
         return None if self.srdf is None else SrdfFile(self.srdf, self.package_dirs, self.xacro_args)
 
     def assemble(self) -> RobotParts:
-        """Build the parts of the robot; errors as `Robot.from_urdf`."""
+        """Build the parts of the robot. Raises as `Robot.from_urdf`."""
         if self.robots:
             bare = self.joined({prefix: spec.assemble() for prefix, spec in self.robots.items()})
         elif self.models is not None:
@@ -347,7 +348,7 @@ class RobotSpec(Section):
         return bare
 
     def joined(self, parts: Mapping[str, RobotParts]) -> RobotParts:
-        """Return the parts of the robots in the cell as those of one."""
+        """Combine the parts of the robots in the cell into the parts of one robot."""
         return combined(self.name or "cell", parts, self.tip or next(iter(self.robots)))
 
     def _of_urdf(self) -> RobotParts:
@@ -385,7 +386,7 @@ class RobotSpec(Section):
         read_visual: Callable[[], pin.GeometryModel | None],
         followers: Mapping[str, Mimic],
     ) -> RobotParts:
-        """Return the parts of the robot with its joints locked, bodies convex and self pairs chosen."""
+        """Build the parts of the robot: lock joints, make bodies convex and choose self-collision pairs."""
         mimics = resolved(followers, source)
         if self.joint_limits is not None:
             self.joint_limits.narrow(full, source)
@@ -418,10 +419,10 @@ class RobotSpec(Section):
         return RobotParts(name, source, model, collision_model, visual, tuple(full.names)[1:], tips, mimics, held)
 
     def _joints_to_hold(self, full: pin.Model, mimics: Mapping[str, Mimic], source: str) -> dict[str, float]:
-        """Return the joints to hold with their values [rad or m], those that mimic others apart.
+        """Return the joints to hold with their values [rad or m], without mimic joints.
 
-        Held are the locked joints, and those that are not in the group or, without a group, do not move the tip, not
-        even through a joint that mimics them: at zero, which a warning says.
+        The locked joints are held. So are joints outside the group or, without a group, joints that do not move the
+        tip, neither directly nor through a joint that mimics them: at zero, with a warning.
         """
         locked = dict(self.locked or {})
         for name in (*self.free, *(name for name, mimic in mimics.items() if mimic.primary in self.free)):

@@ -1,4 +1,4 @@
-"""SRDF files: groups and end effectors are read, disabled pairs are written."""
+"""SRDF files: reading groups and end effectors, and writing disabled collision pairs."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _log = logging.getLogger(__name__)
 
 
 class SrdfFile:
-    """The groups of an SRDF, and the pairs of links that it disables; raises InputError if the file is missing or none.
+    """The groups and the disabled collision pairs of an SRDF. Raises InputError if the file is missing or not an SRDF.
 
-    A file that holds xacro is expanded as a URDF is, see `UrdfFile`.
+    A file with xacro is expanded as in `UrdfFile`.
     """
 
     def __init__(
@@ -47,22 +47,22 @@ class SrdfFile:
         return frozenset(frozenset((pair.get("link1", ""), pair.get("link2", ""))) for pair in self._root.iter(tag))
 
     def disables(self, first: str, second: str) -> bool:
-        """Return whether two links are not checked against each other.
+        """Return whether the SRDF disables the collision check of two links.
 
-        As in MoveIt `disable_collisions` come first, then `enable_collisions`, then `disable_default_collisions`.
+        As in MoveIt, `disable_collisions` precedes `enable_collisions`, which precedes `disable_default_collisions`.
         """
         pair = frozenset((first, second))
         return pair in self._disabled or not (pair in self._enabled or pair.isdisjoint(self._off_by_default))
 
     def text(self) -> str:
-        """Return the text of the SRDF, expanded."""
+        """Return the text of the SRDF after the expansion of xacro."""
         return ElementTree.tostring(self._root, encoding="unicode")
 
     def group_state(self, name: str, group: str | None) -> dict[str, float]:
-        """Return the joint values of a state [rad or m], that of a group if it has one of this name.
+        """Return the joint values of a group state [rad or m], preferably that of `group`.
 
-        Joints of several axes are left out. An UnknownNameError lists the states that there are; an InputError says
-        which value is no number, or that the states of several groups differ.
+        Joints with several values are left out. Raises UnknownNameError, with the known states, if there is no such
+        state; InputError if a value is not a number, or if several groups have different states of this name.
         """
         states = [state for state in self._root.findall("group_state") if state.get("name") == name]
         if not states:
@@ -80,7 +80,7 @@ class SrdfFile:
             return {word: _finite(word, text) for word, text in found.items() if len(text.split()) <= 1}
 
     def group_joints(self, name: str, full: pin.Model) -> tuple[str, ...]:
-        """Return the movable joints of a group, in the order of `full`: of its chains, joints, links and subgroups."""
+        """Return the movable joints of a group's chains, joints, links and subgroups, in the order of `full`."""
         found = set(self._joints_of(name, full, ()))
         found -= {joint.get("name", "") for joint in self._root.findall("passive_joint")}
         ordered = tuple(joint for joint in list(full.names)[1:] if joint in found)
@@ -89,7 +89,7 @@ class SrdfFile:
         return ordered
 
     def group_tip(self, name: str, full: pin.Model) -> str | None:
-        """Return the last link of a group that is one chain, else the link that carries its end effector, or None."""
+        """Return the tip link of a group with one chain, else the link that carries its end effector, or None."""
         chains = self._group(name).findall("chain")
         carriers = [link for link, group in self.end_effectors() if group == name and full.existBodyName(link)]
         if len(chains) == 1:
@@ -97,16 +97,17 @@ class SrdfFile:
         return carriers[0] if carriers else None
 
     def end_effectors(self) -> Iterator[tuple[str, str | None]]:
-        """Yield of each end effector the link that carries it, and its group of joints above, where that is said."""
+        """Yield `parent_link` and `parent_group` (or None) of each end effector."""
         for effector in self._root.findall("end_effector"):
             yield effector.get("parent_link", ""), effector.get("parent_group")
 
     def arm(self, full: pin.Model, tip: str, fingers: Collection[str]) -> tuple[str, str] | None:
-        """Return the group of the arm, and the link at its end, as the SRDF says; None where it says nothing.
+        """Return the group of the arm and the link at its end according to the SRDF, or None if it does not say.
 
-        The arm is that of the end effector with the most joints above it, unless `tip`, a link at the end of an arm,
-        has more (legs have end effectors, too). Of the groups whose joints all lie on the way to it, that of the end
-        effector is taken, or the smallest of four joints at least: no torso. The joints of `fingers` do not count.
+        The arm carries the end effector with the most joints above it, unless `tip`, a link at the end of an arm, has
+        more (legs have end effectors, too). Among the groups whose joints all lie on the chain to this link, the
+        parent group of the end effector is chosen, or the smallest group of at least four joints, which is not a torso.
+        The joints of `fingers` do not count.
         """
 
         def depth(end: tuple[str, str | None]) -> int:
@@ -121,7 +122,7 @@ class SrdfFile:
             try:
                 joints = set(self.group_joints(name, full)).difference(fingers)
             except InputError:
-                # The group is one of joints that this robot does not have.
+                # The group has joints that this robot does not have.
                 continue
             if joints and above.issuperset(joints):
                 groups[name] = len(joints)
@@ -183,7 +184,7 @@ def _finite(name: str, text: str) -> float:
 
 
 class DisabledLinks(NamedTuple):
-    """Two links that need not be checked against each other, and why: "Adjacent" or "Always"."""
+    """Two links that are not checked against each other, with the reason "Adjacent" or "Always"."""
 
     first: str
     second: str
@@ -191,9 +192,9 @@ class DisabledLinks(NamedTuple):
 
 
 def disabled_links(urdf: UrdfFile, samples: int, collision: str = "required") -> list[DisabledLinks]:
-    """Return the pairs of links that a robot without an SRDF does not check: with all joints free, on convex hulls.
+    """Return the pairs of links that a robot without an SRDF does not check, with all joints free, on convex hulls.
 
-    Links that are merely never seen in contact in so many samples are not among them: samples prove nothing.
+    Pairs that are not in contact in any of the samples remain checked, since samples do not prove absence of contact.
     """
     model = urdf.build_model()
     geometry = build_collision_geometry(urdf, model, collision)
@@ -202,7 +203,7 @@ def disabled_links(urdf: UrdfFile, samples: int, collision: str = "required") ->
     names = [model.frames[body.parentFrame].name for body in geometry.geometryObjects]
 
     def links(pairs: Iterable[pin.CollisionPair]) -> Counter[tuple[str, str]]:
-        """Count for each pair of links how many of the pairs of shapes are theirs."""
+        """Count the pairs of shapes of each pair of links."""
         return Counter((names[pair.first], names[pair.second]) for pair in pairs)
 
     adjacent, together = adjacent_pairs(model, geometry), links(geometry.collisionPairs)
@@ -221,8 +222,8 @@ def disabled_links(urdf: UrdfFile, samples: int, collision: str = "required") ->
 
 
 def srdf_text(robot: str, pairs: Iterable[DisabledLinks], samples: int) -> str:
-    """Return an SRDF for the robot of that name; `samples` is said in a comment."""
-    # This imports modules for the network, which only the writing of files needs.
+    """Return an SRDF for the named robot. A comment in the file gives the number of samples."""
+    # This module imports network modules. Only the writing of files needs it, so it is imported here.
     from xml.sax.saxutils import quoteattr
 
     disabled = "".join(
