@@ -1,10 +1,10 @@
-"""Bringing the tip of a robot to a place: task errors, joint steps within limits, inverse kinematics.
+"""Inverse kinematics: target poses, task space errors, and joint steps within limits.
 
-`Place` is where the tip is to be, and `approach` searches from one configuration; `Tip` does so of many at once, along
-curves of `Frames`.
+`Place` is a target pose, and `approach` searches from one configuration. `Tip` searches from a batch of configurations,
+also along curves of `Frames`.
 
-Errors and Jacobians are in metres throughout: the rotational part of a pose counts `METRES_PER_RADIAN` metres
-for each radian, so that one number says how far the tip is from where it should be.
+Errors and Jacobians are in metres: 1 rad of rotation counts as `METRES_PER_RADIAN` metres, so that one number gives
+the distance of the tip from its target.
 """
 
 from __future__ import annotations
@@ -22,52 +22,52 @@ from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array, wh
 from safe_ompl.geometry import rotation_vectors
 from safe_ompl.robot.robot import Robot
 
-# c of `docs/how-it-works.md` §7, about the size of a hand with what it holds.
+# This is c of `docs/how-it-works.md` §7, about the size of a hand with an object.
 METRES_PER_RADIAN = 0.25
-# The largest deviation of a given rotation matrix from an orthonormal one.
+# Elements of R·Rᵀ may differ from the identity by this.
 _ORTHONORMAL = 1e-6
 # A quaternion whose norm is this close to 1 is normalised; any other is refused as a mistake.
 _UNIT = 1e-3
 
 # Singular values of J below this are damped.
 _SINGULAR = 0.05  # [m/rad]
-# The largest damping of a singular value.
+# Maximal damping of a singular value.
 _DAMPING = 0.05  # [m/rad]
 
 _SAMPLES = 50
-# A range from here on is a full turn: many URDF files write 3.14 for π.
+# A joint range of at least this counts as a full turn, since many URDF files write 3.14 for π.
 _FULL_TURN = 6.27  # [rad]
 
 # The tip must come this near to a target pose.
 _PRECISION = 1e-4  # [m]
-# The most iterations from a seed. Nearly all solutions are found within 20.
+# Limit of iterations from a seed. Nearly all solutions are found within 20.
 _ITERATIONS = 60
-# The damping μ per squared error. More is slower, less fails more often.
+# Damping μ per squared error. A larger value is slower, a smaller one fails more often.
 _CAUTION = 0.05  # [1/rad²]
 # This is added to the diagonal, so that singular matrices can be solved.
 _REGULAR = 1e-9  # [m²/rad²]
-# An iteration that leaves more than this share of the error makes no progress.
+# An iteration that leaves more than this share of the error counts as no progress.
 _STALLED = 0.99
-# After this many iterations without progress in a row the seed is given up.
+# The search from a seed ends after this many consecutive iterations without progress.
 _PATIENCE = 4
 
 # Batches of configurations (`Tip`).
 # This is added to the diagonal, so that singular matrices can be solved.
 _REGULAR_BATCH = 1e-8  # [m²/rad²]
-# The longest step of an iteration.
+# Maximal step of an iteration.
 _LONGEST = 0.5  # [rad or m]
 _BRANCH_SEEDS, _BRANCH_ITERATIONS, _BRANCH_PRECISION = 40, 40, 1e-7  # of `configurations_at`; [m]
-# Axes count as parallel where the sine of the angle between them is below this.
+# Axes count as parallel if the sine of the angle between them is below this.
 _PARALLEL = 1e-7
-# Configurations that differ by less belong to one branch.
+# Configurations that differ by less than this belong to the same branch.
 _SAME_BRANCH = 0.2  # [rad or m]
 
 
 class Place:
-    """Where the tip of a robot is to be: a position (3,) in the world frame [m], or with a rotation a full pose.
+    """Target of the tip: a position (3,) in the world frame [m], or a full pose if a rotation is given.
 
     The rotation is a matrix (3, 3), a quaternion x, y, z, w, or a pin.Quaternion. The `dimension` m is the number of
-    task coordinates, 3 or 6. Raises InputError for a wrong shape, NaN, or what is not a rotation.
+    task coordinates, 3 or 6. Raises InputError for a wrong shape, NaN, or a matrix that is not a rotation.
     """
 
     def __init__(self, robot: Robot, position: ArrayLike, rotation: ArrayLike | None = None) -> None:
@@ -78,26 +78,26 @@ class Place:
 
     @cached_property
     def redundancy(self) -> int:
-        """Number of degrees of freedom that the place leaves to the arm, n − rank J: its null space."""
+        """Dimension of the null space, n − rank J, maximal rank over sampled configurations."""
         return self.robot.n - int(np.linalg.matrix_rank(self._sampled_jacobians).max())
 
     @cached_property
     def lever(self) -> float:
-        """How far the tip typically moves for one radian of joint motion [m/rad]: median of ‖J‖/√n."""
+        """Typical lever arm, the tip motion per joint motion [m/rad]: the median of ‖J‖/√n."""
         return float(np.median(np.linalg.norm(self._sampled_jacobians, axis=(1, 2))) / np.sqrt(self.robot.n))
 
     @cached_property
     def _sampled_jacobians(self) -> FloatArray:
-        # The seeds belong to the robot, so they are the same each time.
+        # The random seed is fixed, so that the samples of a robot are always the same.
         robot, rng = self.robot, np.random.default_rng(0)
         return np.array([self.jacobian(q) for q in rng.uniform(robot.lower, robot.upper, (_SAMPLES, robot.n))])
 
     def sample(self, rng: np.random.Generator) -> Place:
-        """Return a place at random of those that will do: this one."""
+        """Sample a target pose. This target has only one, itself."""
         return self
 
     def error(self, q: FloatArray) -> FloatArray:
-        """Return Δx (m,) [m] from the tip at `q: (n,)` to the place, in world axes; see `error_from`."""
+        """Return the error Δx (m,) [m] from the tip at `q: (n,)` to the target, in world axes; see `error_from`."""
         return error_from(self.robot.tip_pose(q), self.position, self.rotation)
 
     def jacobian(self, q: FloatArray) -> FloatArray:
@@ -107,7 +107,7 @@ class Place:
         return jacobian
 
     def nearest_position(self, point: FloatArray) -> FloatArray:
-        """Return the position (3,) [m] of the place that is nearest to a point."""
+        """Return the position (3,) [m] of the target nearest to a point, which is its only position."""
         return self.position
 
     def distance(self, q: FloatArray) -> float:
@@ -117,10 +117,10 @@ class Place:
 
 
 def error_from(pose: pin.SE3, position: FloatArray, rotation: FloatArray | None) -> FloatArray:
-    """Return Δx (3,) or (6,) [m] from a pose to a position and perhaps an orientation, in world axes.
+    """Return the error Δx [m] in world axes from a pose to a position, (3,), or to position and orientation, (6,).
 
-    The rotational part is c·log(R_goal Rᵀ). In the logarithm of the whole motion, log6, position and
-    rotation mix; taken apart, ½‖Δx‖² has the gradient −JᵀΔx exactly, and the tip moves on a straight line.
+    The rotational part is c·log(R_goal Rᵀ). The logarithm of the full transform, log6, mixes position and rotation.
+    With separate logarithms ½‖Δx‖² has exactly the gradient −JᵀΔx, and the tip moves on a straight line.
     """
     offset = position - pose.translation
     if rotation is None:
@@ -144,10 +144,10 @@ def _matrix(rotation: ArrayLike | pin.Quaternion) -> FloatArray:
 
 
 def pseudoinverse_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
-    """Return Δq (n,) = J†Δx + (I − J†J)Δq₀: of the joint motions to Δx (m,) the one nearest to Δq₀ (n,), with J (m, n).
+    """Return Δq (n,) = J†Δx + (I − J†J)Δq₀, the joint step with JΔq = Δx (m,) that is nearest to Δq₀ (n,); J is (m, n).
 
-    Computed as Δq₀ + Jᵀ(JJᵀ + Λ²)⁻¹(Δx − JΔq₀). The damping Λ acts on directions in which the arm is nearly
-    singular, and grows as they become so; elsewhere the pseudoinverse is exact.
+    It is computed as Δq₀ + Jᵀ(JJᵀ + Λ²)⁻¹(Δx − JΔq₀). The damping Λ acts only on directions with singular values of J
+    below 0.05 m/rad, and grows as they decrease. In other directions the pseudoinverse is exact.
     """
     squares, directions = np.linalg.eigh(jacobian @ jacobian.T)
     damped = squares + _DAMPING**2 * np.maximum(0.0, 1.0 - squares / _SINGULAR**2)
@@ -156,7 +156,7 @@ def pseudoinverse_step(jacobian: FloatArray, error: FloatArray, drift: FloatArra
 
 
 def transpose_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
-    """Return Δq (n,) = γJᵀΔx with the γ that leaves the least error, ‖JᵀΔx‖²/‖JJᵀΔx‖²; Δq₀ is ignored."""
+    """Return Δq (n,) = γJᵀΔx with the γ = ‖JᵀΔx‖²/‖JJᵀΔx‖² that minimizes the error; Δq₀ is ignored."""
     pull = jacobian.T @ error
     moved = jacobian @ pull
     square = float(moved @ moved)
@@ -164,7 +164,7 @@ def transpose_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -
 
 
 def cautious_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
-    """Return Δq (n,) = Jᵀ(JJᵀ + μ‖Δx‖²)⁻¹Δx (Levenberg-Marquardt; Sugihara 2011); Δq₀ is ignored."""
+    """Return the damped step Δq (n,) = Jᵀ(JJᵀ + μ‖Δx‖²)⁻¹Δx (Levenberg-Marquardt; Sugihara 2011); Δq₀ is ignored."""
     square = jacobian @ jacobian.T
     square.flat[:: len(error) + 1] += _CAUTION * float(error @ error) + _REGULAR
     return jacobian.T @ np.linalg.solve(square, error)
@@ -175,11 +175,11 @@ Rule: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 
 StepLimits: TypeAlias = tuple[FloatArray, FloatArray]
-"""Lower and upper joint limits (n,) that steps respect [rad or m]; infinite for joints without limits."""
+"""Lower and upper joint limits (n,) of steps [rad or m]; infinite for joints without limits."""
 
 
 def motion_limits(robot: Robot, free: BoolArray | None = None) -> StepLimits:
-    """Return the limits of motions: the joints that are `free: (n,)`, by default continuous ones, have none."""
+    """Return the joint limits of steps. The `free: (n,)` joints, by default the continuous ones, have none."""
     free = robot.continuous if free is None else free
     return np.where(free, -np.inf, robot.lower), np.where(free, np.inf, robot.upper)
 
@@ -192,11 +192,11 @@ def limited_step(
     largest: float = np.inf,
     drift: FloatArray | None = None,
 ) -> FloatArray:
-    """Return a joint motion Δq (n,) that brings the tip nearer to a place and stays within limits.
+    """Return a joint step Δq (n,) that moves the tip towards a target and stays within the limits.
 
-    Joints that would pass a limit stop at it, and the others take over what the tip would lose by that. The rule is
-    `pseudoinverse_step`, `transpose_step` or `cautious_step`; the arm is at `q: (n,)`, within its limits [rad or m].
-    The step is shortened to the norm `largest` [rad or m]; the `drift: (n,)` is Δq₀, posture motion wanted besides.
+    Joints that would pass a limit stop at the limit, and the other joints compensate for the missing tip motion. The
+    rule is `pseudoinverse_step`, `transpose_step` or `cautious_step`. The arm is at `q: (n,)`, within its limits [rad
+    or m]. The norm of the step is at most `largest` [rad or m]; `drift: (n,)` is the desired posture motion Δq₀.
     """
     jacobian, error = place.jacobian(q), place.error(q)
     posture = np.zeros(len(q)) if drift is None else drift
@@ -219,8 +219,12 @@ def _shortening(step: FloatArray, largest: float) -> float:
 
 
 def approach(place: Place, seed: FloatArray, precision: float) -> tuple[FloatArray, float]:
-    """Return a configuration (n,) within the joint limits, and how far [m] its tip is from the place."""
-    limits = motion_limits(place.robot, _full_turns(place.robot))  # whichever way joints turn
+    """Search from `seed: (n,)`. Return a configuration (n,) within the joint limits and its distance [m] to the target.
+
+    The search ends at a distance of `precision` [m].
+    """
+    # Joints with a range of a full turn may pass their limits, and are wrapped afterwards.
+    limits = motion_limits(place.robot, _full_turns(place.robot))
     q, distance, stalls = seed, place.distance(seed), 0
     for _ in range(_ITERATIONS):
         if distance <= precision or stalls == _PATIENCE:
@@ -232,14 +236,14 @@ def approach(place: Place, seed: FloatArray, precision: float) -> tuple[FloatArr
 
 
 def tip_reach(robot: Robot) -> tuple[FloatArray, float]:
-    """Return a ball that the tip never leaves, at any configuration within the limits: its centre (3,) and radius [m].
+    """Return centre (3,) and radius [m] of a ball that contains the tip at all configurations within the limits.
 
-    The tip is a sum of constant offsets that joints turn, and of what prismatic joints add. Offsets that no joint
-    turns, and those along the axis of the first one that does, move the centre; every other one counts with its length,
-    and a prismatic joint with half its range. The triangle inequality does the rest.
+    The tip position is a sum of offsets that revolute joints rotate, and of prismatic displacements. Offsets that no
+    joint rotates, and offsets along the axis of the first revolute joint, move the centre. Any other offset adds its
+    length to the radius, and a prismatic joint half its range, by the triangle inequality.
     """
     chain, centre, radius, rotation = robot.shared.chain, np.zeros(3), 0.0, np.eye(3)
-    # How many of the frames so far a joint turns, and the axis of the first one that does.
+    # The number of frames so far that a joint rotates, and the axis of the first such joint.
     turned, first = 0, np.zeros(3)
     for i in (*reversed(chain.path_to_root(robot.tip_joint)), None):
         placement = robot.tip_placement if i is None else chain.placements[i]
@@ -264,7 +268,7 @@ def _full_turns(robot: Robot) -> BoolArray:
 
 
 def _within_limits(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return `q` with the joints that reach every angle brought within their limits by full turns."""
+    """Return `q` within the joint limits: joints with a full range by turns of 2π, the others clipped."""
     over, under = (q - robot.upper) % (2 * np.pi), (robot.lower - q) % (2 * np.pi)
     turned = np.where(q > robot.upper, robot.upper - 2 * np.pi + over, robot.lower + 2 * np.pi - under)
     outside = (q > robot.upper) | (q < robot.lower)
@@ -272,7 +276,7 @@ def _within_limits(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def place_of(robot: Robot, position: Any, rotation: Any = None) -> Place:
-    """Return the place that a position (3,) [m] and a rotation mean, see `Place`, or a pose (pin.SE3) alone."""
+    """Return the target for a position (3,) [m] and a rotation, see `Place`, or for a pin.SE3 alone."""
     if not isinstance(position, pin.SE3):
         return Place(robot, position, rotation)
     if rotation is not None:
@@ -290,28 +294,27 @@ def inverse_kinematics(
     seed: int = 0,
     valid: Callable[[FloatArray], bool] | None = None,
 ) -> FloatArray | None:
-    """Return a configuration within the joint limits whose tip is at a place to 0.1 mm, or None if none is found.
+    """Return a configuration (n,) within the joint limits whose tip is at a target to 0.1 mm, or None if none is found.
 
-    A radian counts as 0.25 m.
+    1 rad of rotation counts as 0.25 m.
 
     Parameters
     ----------
     robot : Robot
         The robot.
     position, rotation
-        As for `place_of`; without a rotation any orientation will do.
+        Target as in `place_of`; without a rotation the orientation is free.
     near : array_like, shape (n,), optional
-        Where the first search begins [rad or m]; with it, of the solutions the one nearest to it is returned.
+        Start of the first search [rad or m]. If given, the solution nearest to `near` is returned.
     seeds, seed : int
-        From how many configurations to search, `near` included, and what the random numbers come from: the same seed
-        gives the same solution.
+        Number of start configurations, `near` included, and random seed: the same seed gives the same solution.
     valid : callable, optional
-        From a configuration (n,) to whether it will do: ``lambda q: not checker.in_collision(q)``.
+        Returns whether a configuration (n,) is acceptable: ``lambda q: not checker.in_collision(q)``.
 
     Raises
     ------
     InputError
-        Wrong shape, NaN, what is not a rotation, or no seeds.
+        For a wrong shape, NaN, a matrix that is not a rotation, or no seeds.
 
     Examples
     --------
@@ -340,12 +343,12 @@ def inverse_kinematics(
 
 
 class Frames(NamedTuple):
-    """Poses of a tool along a curve, and how they change by its parameter s [m]."""
+    """S poses of a tool along a curve, with derivatives by the curve's parameter s [m]."""
 
     positions: FloatArray  # (S, 3) [m]
     rotations: FloatArray  # (S, 3, 3)
     velocities: FloatArray  # (S, 3) dc/ds
-    # The angular velocities (S, 3) by s, in world axes [rad/m].
+    # Angular velocities (S, 3) with respect to s, in world axes [rad/m].
     spins: FloatArray
 
 
@@ -359,7 +362,7 @@ class TipState(NamedTuple):
 
 @dataclass(frozen=True)
 class Tip:
-    """The tip of a robot, and an axis of it about which it may turn freely, (3,) in its own frame, or None."""
+    """The tip of a robot, with an optional axis (3,) in the tip frame about which the tip may rotate freely."""
 
     robot: Robot
     free_axis: FloatArray | None = None
@@ -381,7 +384,7 @@ class Tip:
         return TipState(positions, turned @ robot.tip_placement.rotation, robot.coupling.columns(jacobians))
 
     def errors(self, state: TipState, frames: Frames) -> FloatArray:
-        """Return the errors (B, 6): [m] from the tip to the frames, and rotation vectors [rad], in world axes."""
+        """Return the errors (B, 6) of the tip: offsets [m] and rotation vectors [rad] to the frames, in world axes."""
         offset = frames.positions - state.positions
         if self.free_axis is None:
             turn = rotation_vectors(frames.rotations @ np.swapaxes(state.rotations, 1, 2))
@@ -396,7 +399,7 @@ class Tip:
         return np.hstack([offset, turn])
 
     def task(self, state: TipState, frames: Frames) -> tuple[FloatArray, FloatArray]:
-        """Return errors (B, 6) and Jacobians (B, 6, n) of the task in metres; a radian counts METRES_PER_RADIAN."""
+        """Return errors (B, 6) and Jacobians (B, 6, n) of the task in metres; 1 rad counts as `METRES_PER_RADIAN`."""
         errors, jacobians = self.errors(state, frames), state.jacobians.copy()
         if self.free_axis is not None:
             own = state.rotations @ self.free_axis
@@ -406,10 +409,10 @@ class Tip:
         return errors, jacobians
 
     def solved(self, Q: FloatArray, frames: Frames, precision: float, iterations: int) -> tuple[FloatArray, BoolArray]:
-        """Return configurations (B, n) near `Q` whose tip is at the frames, and which of them are, (B,).
+        """Solve inverse kinematics for a batch. Return configurations (B, n) near `Q`, and which have converged (B,).
 
-        Steps Jᵀ(JJᵀ + μ‖e‖²)⁻¹e within the joint limits, all of them together. `approach` takes the same steps for one
-        configuration, which is 7 to 11 times as fast there as a batch of one.
+        All configurations take steps Jᵀ(JJᵀ + μ‖e‖²)⁻¹e within the joint limits together. `approach` takes the same
+        steps for one configuration, 7 to 11 times as fast as a batch of one.
         """
         Q = Q.copy()
         low, high = self.limits
@@ -431,16 +434,16 @@ class Tip:
 
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper limits (n,) of the joints, none for continuous ones [rad or m]."""
+        """Lower and upper joint limits (n,) [rad or m]; infinite for continuous joints."""
         return motion_limits(self.robot)
 
     def null_motion(self, jacobians: FloatArray, wanted: FloatArray) -> FloatArray:
-        """Return the part (B, n) of wanted joint motions that leaves the task as it is; `jacobians` are of `task`."""
+        """Project desired joint motions (B, n) onto the null space of the Jacobians of `task`."""
         moved = np.einsum("bxn,bn->bx", jacobians, wanted)
         return wanted - _least_squares(jacobians, moved, np.zeros(len(wanted)))
 
     def following(self, state: TipState, frames: Frames, jacobians: FloatArray, wanted: FloatArray) -> FloatArray:
-        """Return the joint rates (B, n) that follow a curve, the nearest to wanted ones; `jacobians` are of `task`."""
+        """Return the dq/ds (B, n) that follow a curve and are nearest to `wanted`, for Jacobians of `task`."""
         spins = METRES_PER_RADIAN * frames.spins
         if self.free_axis is not None:
             own = state.rotations @ self.free_axis
@@ -450,12 +453,12 @@ class Tip:
 
     @cached_property
     def order(self) -> list[int]:
-        """The joints of Pinocchio's model (from 0) that move the tip, from the base on."""
+        """The joints of Pinocchio's model (0-based) that move the tip, in order from the base."""
         return self.robot.shared.chain.path_to_root(self.robot.tip_joint)[::-1]
 
 
 def configurations_at(robot: Robot, pose: pin.SE3, near: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return configurations (K, n) whose tip is at a pose, different branches, those near a configuration first."""
+    """Return configurations (K, n) of different branches whose tip is at a pose, sorted by distance from `near`."""
     seeds = np.vstack([near, rng.uniform(robot.lower, robot.upper, (_BRANCH_SEEDS, robot.n))])
     frames = (np.broadcast_to(part, (len(seeds), *part.shape)) for part in (pose.translation, pose.rotation))
     still = np.zeros((2, len(seeds), 3))
@@ -469,10 +472,10 @@ def configurations_at(robot: Robot, pose: pin.SE3, near: FloatArray, rng: np.ran
 
 
 def _reversing_axis(axis: FloatArray, jacobian: FloatArray) -> FloatArray:
-    """Return the unit vector (3,) across an axis of the tool about which joints can best reverse that axis.
+    """Return the unit vector (3,) perpendicular to `axis` about which the joints can rotate the tool best.
 
-    Every one of them leads to the opposite direction; about some the robot may not be able to turn at all. `jacobian`
-    (3, n) is the rotational one. The first component above 0.3 is positive.
+    A half turn about any perpendicular vector reverses the axis, but the robot may be unable to rotate about some.
+    `jacobian` (3, n) is the rotational part. The first component above 0.3 is positive.
     """
     across = np.linalg.svd(axis[None])[2][1:]
     best: FloatArray = np.linalg.svd(across @ jacobian)[0][:, 0] @ across
@@ -480,7 +483,7 @@ def _reversing_axis(axis: FloatArray, jacobian: FloatArray) -> FloatArray:
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a × b (…, 3); NumPy's own takes three times as long for few rows."""
+    """Return a × b (…, 3); `numpy.cross` takes three times as long for few rows."""
     (a0, a1, a2), (b0, b1, b2) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
 

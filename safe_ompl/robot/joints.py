@@ -1,4 +1,4 @@
-"""The joints of a robot: the arm's, fingers, mimics, those that are held; the model that remains; its skeleton."""
+"""The joints of a robot: arm, finger, mimic and held joints, the reduced model, and the skeleton."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError,
 _log = logging.getLogger(__name__)
 
 _MOST_JOINTS = 8  # of a finger
-# The longest finger, from its first joint to the farthest frame that it carries.
+# A finger is at most this long, from its first joint to the farthest frame that it carries.
 _LONGEST = 0.25  # [m]
-# The lengths of two fingers of a hand differ by no more than this factor.
+# The lengths of two fingers of a hand differ at most by this factor.
 _ALIKE = 2.0
-# A shorter finger counts as this long.
+# Shorter fingers count as this long.
 _SHORT = 0.05  # [m]
-# A chain with fewer independent joints is no arm on a torso.
+# A chain with fewer independent joints is not an arm on a torso.
 _LEAST_ARM = 4
 
-# Words in names of joints that open and close a gripper, and of joints that are a wrist all the same.
+# Words in the names of gripper joints, and of wrist joints that are not gripper joints in spite of such a word.
 _FINGER = re.compile(r"finger|gripper|jaw|knuckle|thumb")
 _WRIST = re.compile(r"wrist|roll|pitch|yaw")
 _PART_OF_FINGER = re.compile(r"finger|jaw|knuckle|thumb")
-# Words in names of links that are no end of an arm.
+# Words in the names of links that are never the end of an arm.
 _SENSOR = re.compile(r"camera|optical|accelerometer|gyro|lidar|laser|sensor|infra|depth|(^|_)(imu|range|rgb|scan)(_|$)")
-# A limit of this or more counts as none.
+# A limit of at least this counts as no limit.
 _UNLIMITED = float(np.finfo(np.float32).max)
-# This is appended to the name of a link that has the name of a joint.
+# This is appended to the name of a link if a joint has the same name.
 _LINK = " (link)"
 
 
@@ -47,10 +47,10 @@ class Mimic:
 
 
 def default_tip(full: pin.Model, model: pin.Model) -> str:
-    """Return the body farthest from the base; where that is a finger, the farthest one of the hand that carries it."""
+    """Return the body farthest from the base. If this body is a finger, return the farthest body of its hand."""
 
     def rank(body: pin.Frame) -> tuple[int, float]:
-        """Say how many joints are above a body, and how far it is from the last one."""
+        """Return the number of joints above a body, and its distance [m] from the last joint."""
         return len(model.supports[body.parentJoint]), float(np.linalg.norm(body.placement.translation))
 
     bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
@@ -68,7 +68,7 @@ def default_tip(full: pin.Model, model: pin.Model) -> str:
 
 
 def finger_joints(full: pin.Model) -> frozenset[str]:
-    """Return the joints of fingers: of two or more similar short chains of joints that branch off a moving link."""
+    """Return the finger joints: those of at least two short, similar chains that branch off a moving link."""
     data = full.createData()
     pin.framesForwardKinematics(full, data, pin.neutral(full))
 
@@ -103,11 +103,11 @@ def finger_joints(full: pin.Model) -> frozenset[str]:
 
 
 def arm_joints(full: pin.Model, tip: str, followers: Collection[str] = ()) -> tuple[str, ...]:
-    """Return the joints of the arm that ends at the body `tip`, the first one first.
+    """Return the joints of the arm that ends at the body `tip`, in order from the base.
 
-    An arm begins where nothing else branches off below it any more: neither another arm nor wheels, a head or legs.
-    Branches that leave fewer than four joints do not count, nor do fingers and `followers`, which mimic others. Joints
-    that cannot be planned for are no part of an arm.
+    The arm begins after the last joint that also carries another branch: another arm, wheels, a head or legs.
+    A branch is ignored if it would leave fewer than four joints. Fingers and mimic joints (`followers`) are ignored,
+    too. Joints that cannot be planned are not part of an arm.
     """
     body = next(frame for frame in full.frames if frame.name == tip)
     chain = list(full.supports[body.parentJoint])[1:]
@@ -124,13 +124,13 @@ def arm_joints(full: pin.Model, tip: str, followers: Collection[str] = ()) -> tu
 
 
 def has_range(full: pin.Model, joint: int) -> bool:
-    """Return whether a joint can be planned for: it has one value, and limits unless it is continuous."""
+    """Return whether a joint can be planned: it has one degree of freedom, and is continuous or has finite limits."""
     ends = limits_of(full, full.names[joint]) or (0.0, 0.0)
     return full.joints[joint].nv == 1 and all(abs(end) < _UNLIMITED for end in ends)
 
 
 def limits_of(model: pin.Model, name: str) -> tuple[float, float] | None:
-    """Return the limits of a joint [rad or m]; None where it is continuous, or has several values."""
+    """Return the limits of a joint [rad or m], or None if it is continuous or has several values."""
     joint = model.joints[model.getJointId(name)]
     if joint.nq != 1:
         return None
@@ -138,14 +138,14 @@ def limits_of(model: pin.Model, name: str) -> tuple[float, float] | None:
 
 
 def joints_that_move(full: pin.Model, tip: str, mimics: Mapping[str, Mimic]) -> set[str]:
-    """Return the joints that move the tip, and those that such a joint mimics; chains of `mimics` are resolved."""
+    """Return the joints that move the tip, and the joints that these mimic; `mimics` must be `resolved`."""
     frame = full.frames[frame_index(full, tip)]
     above = {full.names[joint] for joint in list(full.supports[frame.parentJoint])[1:]}
     return above | {mimic.primary for name, mimic in mimics.items() if name in above}
 
 
 def report_held(full: pin.Model, held: Mapping[str, float], moving: Collection[str], text: str) -> None:
-    """Say in a warning which joints are held at zero; of a gripper beyond the joints that move, at a lower level."""
+    """Warn which joints are held, with their values. Joints beyond the moving ones are logged at the level INFO."""
     for level, beyond in ((logging.WARNING, False), (logging.INFO, True)):
         said = []
         for name, value in held.items():
@@ -157,7 +157,7 @@ def report_held(full: pin.Model, held: Mapping[str, float], moving: Collection[s
 
 
 def override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], source: str) -> None:
-    """Replace limits [rad or m] of the joints named; raise InputError if there is no such joint, or none has limits."""
+    """Replace limits [rad or m] of the named joints, in place. Raises InputError for an unknown or continuous joint."""
     for name, (low, high) in limits.items():
         if not full.existJointName(name):
             raise UnknownNameError("joint with limits", name, list(full.names)[1:], source)
@@ -169,7 +169,10 @@ def override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], 
 
 
 def resolved(mimics: Mapping[str, Mimic], source: str) -> dict[str, Mimic]:
-    """Return `mimics` with chains (a joint that mimics a mimic joint) followed to the first joint of each."""
+    """Return `mimics` with chains (a joint that mimics a mimic joint) replaced by direct relations.
+
+    Raises InputError for a cycle; the message starts with `source`.
+    """
     found = {}
     for name, mimic in mimics.items():
         seen = [name]
@@ -188,7 +191,7 @@ def resolved(mimics: Mapping[str, Mimic], source: str) -> dict[str, Mimic]:
 def with_mimics(
     full: pin.Model, mimics: Mapping[str, Mimic], held: Mapping[str, float], source: str
 ) -> dict[str, float]:
-    """Return the joints to lock with their values, checked: those `held` [rad or m], and those that mimic them."""
+    """Return the values of the `held` joints [rad or m] and of the joints that mimic them. Raises InputError."""
     names = list(full.names)[1:]
     for name, value in held.items():
         if name not in names:
@@ -216,12 +219,12 @@ def with_mimics(
 
 
 def joints_without_range(full: pin.Model, names: Iterable[str]) -> dict[str, float]:
-    """Return those of the joints whose limits are one value, which they can only be held at [rad or m]."""
+    """Return the named joints whose lower and upper limits are equal, with this value [rad or m]."""
     return {name: ends[0] for name in names if (ends := limits_of(full, name)) is not None and ends[0] == ends[1]}
 
 
 def resting_value(full: pin.Model, name: str) -> float:
-    """Return zero, or the limit nearest to it."""
+    """Return zero, clipped to the limits of the joint [rad or m]."""
     low, high = limits_of(full, name) or (0.0, 0.0)
     return min(max(0.0, low), high)
 
@@ -236,12 +239,12 @@ def reduce_model(
         if joint.nv == 1:
             reference[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
     ids = [full.getJointId(name) for name in held]
-    # Pinocchio 4.1 looks frames up by name alone, and refuses where a joint and a link share one.
+    # Pinocchio 4.1 finds frames by name only, and fails if a joint and a link have the same name.
     distinct = full.copy()
     for frame in distinct.frames:
         frame.name += _LINK if frame.type == pin.FrameType.BODY else ""
     model, reduced = pin.buildReducedModel(distinct, geometry, ids, reference)
-    # It also makes the frame of a locked joint its own parent.
+    # Pinocchio also makes the frame of a locked joint its own parent.
     above = {frame.name: distinct.frames[frame.parentFrame].name for frame in distinct.frames}
     index = {frame.name: k for k, frame in enumerate(model.frames)}
     for frame in model.frames:
@@ -252,7 +255,7 @@ def reduce_model(
 
 
 def check_plannable(model: pin.Model, source: str, stiff: Collection[str] = ()) -> None:
-    """Raise InputError if no joint is free, or one of a kind that cannot be planned for."""
+    """Raise InputError if no joint is free, or a joint has a type that cannot be planned."""
     if model.njoints < 2:
         why = f": the limits of {', '.join(sorted(stiff))} leave no range; limits= gives others" if stiff else ""
         raise InputError(f"no joint is free to move{why}", source)
@@ -266,7 +269,7 @@ def check_plannable(model: pin.Model, source: str, stiff: Collection[str] = ()) 
 
 
 def apply_mimic_limits(model: pin.Model, mimics: Mapping[str, Mimic], source: str) -> None:
-    """Narrow the limits of joints that others mimic, so that these keep to theirs."""
+    """Narrow the limits of joints that others mimic, so that the mimic joints stay within their own limits."""
     known = {name: limits_of(model, name) for name in list(model.names)[1:]}
     # Continuous joints have no limits.
     limits = {name: ends for name, ends in known.items() if ends is not None}
@@ -288,7 +291,7 @@ def apply_mimic_limits(model: pin.Model, mimics: Mapping[str, Mimic], source: st
 
 
 def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]:
-    """Return lower and upper limits (n,) [rad or m], ±π where joints are continuous; InputError if one has no range."""
+    """Return lower and upper limits (n,) [rad or m], ±π for continuous joints. Raises InputError for an empty range."""
     limits = np.array([limits_of(model, name) or (-np.pi, np.pi) for name in list(model.names)[1:]])
     for name, (low, high) in zip(list(model.names)[1:], limits, strict=True):
         if not (-_UNLIMITED < low < high < _UNLIMITED):
@@ -297,7 +300,7 @@ def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]
     return lower, upper
 
 
-# Joints that are nearer to each other, as on a spherical wrist, are at the same place.
+# Joints nearer to each other than this, as in a spherical wrist, count as coincident.
 _ZERO_LENGTH = 1e-6  # [m]
 
 
@@ -306,8 +309,8 @@ class RobotSkeleton:
     """K key points of a robot and the segments between them (paper §3, eq. 2).
 
     Key points are the origins of `frames: (K,)`, the tip last, at `offsets: (K, 3)` [m] in the frames of Pinocchio's
-    `joints: (K,)`. Of each segment `segments: (L, 2)` has the proximal and the distal key point, `names: (L,)` the
-    frame at its distal end; those of zero length, and those that no joint moves, are left out.
+    `joints: (K,)`. `segments: (L, 2)` has the proximal and the distal key point of each segment, `names: (L,)` the
+    frame at its distal end. Segments of zero length, and segments that no joint moves, are left out.
     """
 
     joints: IntArray
@@ -321,7 +324,7 @@ class RobotSkeleton:
         """Build the skeleton of `model`, whose locked joints are reduced to frames."""
         first, *others = (frame_index(model, tip) for tip in tips)
         on_chain = {frame for tip in (first, *others) for frame in _way_to_root(model, tip)}
-        # A frame of a joint, free or locked. A link may have the same name.
+        # These are the frames of joints, free or locked. A link may have the same name.
         named = reversed(list(enumerate(model.frames)))
         of = {frame.name: k for k, frame in named if frame.type != pin.FrameType.BODY}
         frames = [of[name] for name in joint_names if of[name] in on_chain or model.existJointName(name)]
@@ -345,19 +348,22 @@ class RobotSkeleton:
         return cls(joints, offsets, pairs, tuple(names), tuple(frames))
 
     def nearest(self, model: pin.Model, frame: int) -> int | None:
-        """Return the frame of the key point nearest to `frame` on the way to the base, itself included, or None."""
+        """Return the first frame from `frame` (included) to the base that is a key point, or None."""
         return next((above for above in _way_to_root(model, frame) if above in self.frames), None)
 
 
 def frame_index(model: pin.Model, name: str) -> int:
-    """Return the index of the frame called `name`; where a joint and a link share the name, the link's."""
+    """Return the index of the frame called `name`. If a joint and a link have this name, return the link's frame."""
     matches = [k for k, frame in enumerate(model.frames) if frame.name == name]
     bodies = [k for k in matches if model.frames[k].type == pin.FrameType.BODY]
     return (bodies or matches)[0]
 
 
 def _frame_positions(model: pin.Model, frames: list[int]) -> FloatArray:
-    """Return positions (3, K, 3) of frames, joints at zero and at either limit: where joints slide, lengths change."""
+    """Return positions (3, K, 3) [m] of frames with all joints at zero, at the lower and at the upper limits.
+
+    Prismatic joints change the lengths of segments between these postures.
+    """
     data, positions = model.createData(), []
     for limit in (pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit):
         q = pin.neutral(model)
@@ -370,7 +376,7 @@ def _frame_positions(model: pin.Model, frames: list[int]) -> FloatArray:
 
 
 def _way_to_root(model: pin.Model, frame: int) -> Iterator[int]:
-    """Yield the frames from `frame` to the root, which is left out."""
+    """Yield the frames from `frame` to the root, without the root."""
     while frame != 0:
         yield frame
         frame = model.frames[frame].parentFrame

@@ -1,4 +1,4 @@
-"""The parts of a robot: Pinocchio's models, on a base, with objects in the gripper, or joined in one cell."""
+"""The parts of a robot: Pinocchio models with a base, attached objects, or several robots in one cell."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from safe_ompl.robot.joints import Mimic, RobotSkeleton, frame_index, joint_limi
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 _SLIDES = (pin.JointModelPX, pin.JointModelPY)
 _NO_LIMIT = np.full(1, np.inf)
-# The colour of objects in the gripper.
+# Colour of attached objects.
 _COLOR = np.array([0.55, 0.62, 0.7, 1.0])
 _SHAPES = (Box, Sphere, Cylinder, Capsule, Mesh)
 _KEYS = ("link", "touch_links", "touch_depth", "danger")
 
 
 def read_pose(name: str, value: Any) -> Pose:
-    """Return a pose that is given in any of the forms of `Pose.of`."""
+    """Return a pose given in any form that `Pose.of` accepts."""
     return Pose.of(value, name)
 
 
@@ -47,9 +47,9 @@ class Attachment(Section):
     Parameters
     ----------
     touch_links : sequence of str
-        Links that may touch it. Those that do not move against `link` always may.
+        Links that may touch the object. Links that do not move relative to `link` always may.
     touch_depth : float, optional
-        How deep these links may be in it, at most [m]; default: to any depth.
+        Depth to which these links may reach into the object [m]; default: any depth.
     """
 
     name: str = key(document.text)
@@ -62,7 +62,7 @@ class Attachment(Section):
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path | None = None) -> Attachment:
-        """Read an object as an obstacle of a scene is written (shape and pose), with `link` and the other keys."""
+        """Read an object from the keys of an obstacle (shape and pose), `link` and the other fields."""
         link = document.require(data, "link")
         rest = {name: value for name, value in data.items() if name not in _KEYS}
         body = Obstacle.from_mapping(rest, folder or document.folder_of_document())
@@ -70,7 +70,7 @@ class Attachment(Section):
         return cls(body.name, body.shape, link, body.pose, **more)
 
     def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
-        """Return what `from_mapping` reads."""
+        """Return the object as a mapping for `from_mapping`."""
         data = {"link": self.link, **Obstacle(self.name, self.shape, self.pose, 0.0).to_mapping(folder)}
         if self.touch_links:
             data["touch_links"] = list(self.touch_links)
@@ -81,10 +81,10 @@ class Attachment(Section):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RobotParts:
-    """Models of the joints that are not locked, and what Pinocchio does not keep. Nobody changes them."""
+    """Pinocchio models without the locked joints, with data that Pinocchio does not store. No code changes them."""
 
     name: str  # for reports
-    # The file that the robot comes from, or the robot's name, for error messages.
+    # The file of the robot, or the robot's name, for error messages.
     source: str
     model: pin.Model
     # The collision geometry, with the pairs that are checked.
@@ -102,7 +102,7 @@ class RobotParts:
 
     @cached_property
     def links_without_collision(self) -> tuple[str, ...]:
-        """Moving links that lack collision shapes, see `links_lacking_shapes`."""
+        """Moving links without collision shapes, see `links_lacking_shapes`."""
         moving = {frame.name for frame in self.model.frames if frame.parentJoint}
         return tuple(name for name in self.bare_links if name in moving)
 
@@ -113,18 +113,18 @@ class RobotParts:
 
     @cached_property
     def body_pairs(self) -> IntArray:
-        """The pairs (P, 2) of bodies that are checked against each other, by their indices."""
+        """The checked pairs of bodies, as indices (P, 2)."""
         pairs = [(pair.first, pair.second) for pair in self.collision_model.collisionPairs]
         return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
     @cached_property
     def chain(self) -> JointChain:
-        """The joints as displacement bounds need them."""
+        """The joints as a chain for motion bounds."""
         sliding = np.array(["P" in joint.shortname()[10:] for joint in list(self.model.joints)[1:]])
         return JointChain.from_model(self.model, sliding, *joint_limits(self.model, self.source))
 
     def lacking(self, full: pin.Model, collide: frozenset[str], drawn: frozenset[str]) -> RobotParts:
-        """Return the robot with the names of links that lack shapes, and warn of them; as `links_lacking_shapes`."""
+        """Return the robot with the names of `links_lacking_shapes`, and warn of these links."""
         parts = replace(self, bare_links=links_lacking_shapes(full, collide, drawn))
         warn_of_unchecked(self.name, parts.links_without_collision)
         return parts
@@ -134,7 +134,7 @@ class RobotParts:
         return self._on(pin.Model(), 0, pose)
 
     def on_mobile_base(self, ranges: tuple[tuple[float, float], tuple[float, float]]) -> RobotParts:
-        """Return the robot on a base that slides along the world's x and y within ranges [m], and turns about z."""
+        """Return the robot on a base that slides along world x and y within ranges [m] and rotates about z."""
         taken = sorted(set(BASE_JOINTS) & set(self.model.names))
         if taken:
             raise InputError(f"it has a joint {taken[0]!r} already: is it on a mobile base?", self.source)
@@ -152,7 +152,7 @@ class RobotParts:
         return parts
 
     def locking(self, values: Mapping[str, float]) -> RobotParts:
-        """Return the robot with joints locked at values [rad or m], and with them what mimics them."""
+        """Return the robot with joints, and the joints that mimic them, locked at values [rad or m]."""
         held = with_mimics(self.model, self.mimics, values, self.source)
         model, bodies = reduce_model(self.model, self.collision_model, held)
         drop_fixed_pairs(bodies)
@@ -162,7 +162,7 @@ class RobotParts:
         return replace(parts, held={**self.held, **held})
 
     def holding(self, item: Attachment) -> RobotParts:
-        """Return the robot with an object in its gripper; errors as `Robot.with_attached`."""
+        """Return the robot with an attached object. Raises as `Robot.with_attached`."""
         links = [frame.name for frame in list(self.model.frames)[1:]]
         for name in (item.link, *item.touch_links):
             if name not in links:
@@ -174,7 +174,7 @@ class RobotParts:
         bodies = _with_object(self.collision_model, item, self.model, frame)
         core = whole = range(number, len(bodies.geometryObjects))
         if item.touch_links and item.touch_depth is not None:
-            # What is deeper within the object is one more of its bodies, which links that may touch it must not touch.
+            # The core of the object is added as a body. Links that may touch the object must not touch its core.
             with document.within(f"{item.name!r}, {1e3 * item.touch_depth:g} mm deep", ": "):
                 inner = replace(item, shape=item.shape.core(item.touch_depth))
             bodies = _with_object(bodies, inner, self.model, frame)
@@ -194,7 +194,10 @@ class RobotParts:
         return replace(self, model=model, collision_model=bodies, read_visual=visual, tips=tips, attached=held)
 
     def _far_end(self, item: Attachment, frame: int) -> FloatArray:
-        """Return the far end of an object, seen from the key point below it, in the frame of their joint [m]."""
+        """Return the far end of an object in the frame of its joint [m].
+
+        This is its end on the line from the key point below it through the centre of its bounds.
+        """
         link = self.model.frames[frame]
         below = RobotSkeleton.from_model(self.model, self.link_ends, self.tips).nearest(self.model, frame)
         if below is None or link.parentJoint == 0:
@@ -204,21 +207,21 @@ class RobotParts:
         points = np.concatenate([hull.points for hull in hulls])
         way = (points.min(axis=0) + points.max(axis=0)) / 2 - start
         length = float(np.linalg.norm(way))
-        # The key point is the middle of the object, so either end will do.
+        # If the key point is in the middle of the object, there is no such line, and the farthest point is used.
         if length < 1e-6:
             return np.asarray(points[np.linalg.norm(points - start, axis=1).argmax()])
         way = way / length
         return np.asarray(start + max(float(((hull.points - start) @ way).max()) + hull.radius for hull in hulls) * way)
 
     def _on(self, model: pin.Model, joint: int, pose: pin.SE3) -> RobotParts:
-        """Return the robot with its base fixed to a joint of `model`, which it is appended to."""
+        """Append the robot to `model`, with its base fixed at `pose` to a joint, and return the result."""
         graft = Graft.of(model, self.model, joint, pose)
         model.name = self.model.name
         bodies, visual = graft.geometry(self.collision_model), self._seen(graft.geometry)
         return replace(self, model=model, collision_model=bodies, read_visual=visual)
 
     def _seen(self, change: Callable[[pin.GeometryModel], pin.GeometryModel]) -> Callable[[], pin.GeometryModel | None]:
-        """Return what reads the visual model, when it is asked for, and changes it."""
+        """Return a function that reads the visual model and applies `change` to it."""
 
         def read() -> pin.GeometryModel | None:
             drawn = self.read_visual()
@@ -228,7 +231,7 @@ class RobotParts:
 
 
 def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotParts:
-    """Return several robots, by the prefixes that their joints, links and frames get, as one; `tip` is a prefix."""
+    """Combine robots, by the prefixes of their joints, links and frames, into one; `tip` is one of the prefixes."""
     model = pin.Model()
     model.name = name
     grafts = [Graft.of(model, parts.model, 0, pin.SE3.Identity(), f"{prefix}_") for prefix, parts in robots.items()]
@@ -259,7 +262,7 @@ def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotPart
 
 
 def independent(geometry: pin.GeometryModel) -> pin.GeometryModel:
-    """Return a copy of `geometry` that shares nothing with it, shapes included."""
+    """Return a deep copy of `geometry`, with copies of its shapes."""
     copy = geometry.copy()
     for part in copy.geometryObjects:
         part.geometry = part.geometry.clone()
@@ -267,7 +270,7 @@ def independent(geometry: pin.GeometryModel) -> pin.GeometryModel:
 
 
 def _with_object(geometry: pin.GeometryModel, item: Attachment, model: pin.Model, frame: int) -> pin.GeometryModel:
-    """Return a copy of `geometry` with the parts of an object, named as those of a link."""
+    """Return a copy of `geometry` with the parts of an object added as bodies."""
     copy, link = geometry.copy(), model.frames[frame]
     taken = sum(body.name.rsplit("_", 1)[0] == item.name for body in geometry.geometryObjects)
     for k, part in enumerate(item.shape.parts(), taken):
@@ -280,10 +283,10 @@ def _with_object(geometry: pin.GeometryModel, item: Attachment, model: pin.Model
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Graft:
-    """Where the joints and frames of a model, by their old numbers, are in one that it was appended to.
+    """Map from joints and frames of a model to their indices in the model that it was appended to.
 
-    Written out, because Pinocchio's appendModel also adds collision pairs and reorders. What was fixed to the world is
-    fixed to joint `joints[0]`, with the old world at `pose` in its frame.
+    Pinocchio's `appendModel` is not used, because it also adds collision pairs and reorders joints. Bodies that were
+    fixed to the world are now fixed to joint `joints[0]`. The old world is at `pose` in the frame of this joint.
     """
 
     joints: list[int]
@@ -293,7 +296,7 @@ class Graft:
 
     @classmethod
     def of(cls, target: pin.Model, source: pin.Model, joint: int, pose: pin.SE3, prefix: str = "") -> Graft:
-        """Append `source` to a joint of `target`, which is changed."""
+        """Append `source` to a joint of `target`, in place, and return the map."""
         frame = 0 if joint == 0 else int(target.getFrameId(target.names[joint]))
         graft = cls([joint], [frame], pose, prefix)
         for k, moved in list(enumerate(source.joints))[1:]:
@@ -315,7 +318,7 @@ class Graft:
         return graft
 
     def geometry(self, source: pin.GeometryModel) -> pin.GeometryModel:
-        """Return the geometry of the appended model, and its pairs, as the other model sees it."""
+        """Return the geometry of the appended model, with its pairs, for the combined model."""
         found = pin.GeometryModel()
         for part in source.geometryObjects:
             copy = pin.GeometryObject(part)
@@ -333,7 +336,7 @@ class Graft:
 
 
 def _joined(models: Iterable[pin.GeometryModel]) -> pin.GeometryModel:
-    """Return one geometry model with the bodies of all, and the pairs of each."""
+    """Concatenate geometry models, with the collision pairs of each."""
     joined = pin.GeometryModel()
     for model in models:
         first = len(joined.geometryObjects)
@@ -345,7 +348,7 @@ def _joined(models: Iterable[pin.GeometryModel]) -> pin.GeometryModel:
 
 
 def _add_pairs_between(bodies: pin.GeometryModel, sizes: list[int]) -> None:
-    """Check the bodies of each robot against those of the others, but for two that both stand still."""
+    """Add the collision pairs between bodies of different robots, except pairs of two fixed bodies."""
     owners = np.repeat(np.arange(len(sizes)), sizes)
     joints = [part.parentJoint for part in bodies.geometryObjects]
     for a, b in combinations(range(len(owners)), 2):
@@ -362,7 +365,7 @@ SIZES = ("halfSide", "radius", "halfLength", "radii")  # of coal's shapes
 
 @dataclass(frozen=True)
 class Models:
-    """Models of Pinocchio's that a robot is built from, its own, and which joints follow which."""
+    """Pinocchio models, and the mimic joints by name, that a robot is built from."""
 
     model: pin.Model
     collision_model: pin.GeometryModel
@@ -371,14 +374,14 @@ class Models:
 
     @classmethod
     def copied(cls, model: Any, collision_model: Any, visual_model: Any, mimics: Mapping[str, Mimic]) -> Models:
-        """Return copies; raise InputError if a model is none of Pinocchio's, or a shape is not supported."""
+        """Copy the models. Raises InputError for another type, or a shape that is not supported."""
         _check_models(model, collision_model, visual_model)
         drawn = None if visual_model is None else independent(visual_model)
         return cls(model.copy(), independent(collision_model), drawn, dict(mimics))
 
 
 def _check_models(model: Any, collision: Any, visual: Any) -> None:
-    """Raise InputError for anything but models of Pinocchio's, and for bodies whose shapes are not supported."""
+    """Raise InputError if an argument is not a Pinocchio model, or the shape of a body is not supported."""
     if not isinstance(model, pin.Model):
         raise InputError(f"model must be a pin.Model, not {type(model).__name__}")
     for geometry in (collision,) if visual is None else (collision, visual):
@@ -389,7 +392,8 @@ def _check_models(model: Any, collision: Any, visual: Any) -> None:
                 raise InputError(f"geometry {part.name!r}: there is no joint {part.parentJoint} in the model")
             if part.parentFrame >= model.nframes or model.frames[part.parentFrame].type != pin.FrameType.BODY:
                 raise InputError(f"geometry {part.name!r} is on no link: give it the frame that addBodyFrame returned")
-    for joint, name in list(enumerate(model.names))[1:]:  # Pinocchio crashes without
+    # Pinocchio crashes for a joint without a frame.
+    for joint, name in list(enumerate(model.names))[1:]:
         if not any(f.type == pin.FrameType.JOINT and f.parentJoint == joint for f in model.frames):
             raise InputError(f"joint {name!r} has no frame: call model.addJointFrame({joint})")
     for frame in model.frames:
@@ -404,7 +408,7 @@ def _check_models(model: Any, collision: Any, visual: Any) -> None:
 
 
 def _check_shape(shape: Any) -> None:
-    """Raise InputError for a shape without end, one without size, and one whose distances coal cannot tell."""
+    """Raise InputError for a shape that is infinite, empty, or not supported by the distances of coal."""
     if not isinstance(shape, _BODIES):
         supported = ", ".join(kind.__name__ for kind in _BODIES)
         raise InputError(f"a {type(shape).__name__} cannot be part of a robot; these can: {supported}")

@@ -1,4 +1,4 @@
-"""What every path of a scenario must keep to: limits, motion, and the people who may come near it; plain data."""
+"""Constraints of a scenario: limits of paths and trajectories, and assumptions about people."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from safe_ompl.geometry import LIMBS, Person
 from safe_ompl.scene.scene import Scene
 
 Configuration: TypeAlias = tuple[float, ...] | Mapping[str, float] | str
-"""Joint values in the robot's order, or by the names of the joints [rad or m]; or the name of a state in its SRDF."""
+"""Joint values [rad or m] in the robot's order or by joint name, or the name of a group state in the SRDF."""
 ByJoint: TypeAlias = float | Mapping[str, float] | tuple[float, ...]
 _UP = (0.0, 0.0, 1.0)
 
 
 def read_configuration(key: str, value: Any) -> Configuration:
-    """Return finite numbers from a list, or from a mapping of joint names to values; or the name of a state."""
+    """Read a configuration: a list of numbers, a mapping of joint names to numbers, or the name of a group state."""
     if isinstance(value, str):
         return document.line(key, value)
     return document.by_name(key, value, document.number) if isinstance(value, Mapping) else document.numbers(key, value)
@@ -32,7 +32,7 @@ def _direction(key: str, value: Any) -> tuple[float, ...]:
 
 
 def pairs_of_names(key: str, value: Any) -> tuple[tuple[str, str], ...]:
-    """Return pairs of a link and an obstacle, by name."""
+    """Read a list of pairs, each with the names of a link and an obstacle."""
     pairs = []
     for pair in document.sequence(key, value):
         names = document.sequence(key, pair)
@@ -52,17 +52,17 @@ def _by_joint(key: str, value: Any, **bounds: Any) -> ByJoint:
 
 @dataclass(frozen=True)
 class ToolConstraint(Section):
-    """An axis of the tool that stays within an angle of a direction in the world, by default up."""
+    """A constraint that keeps an axis of the tool within an angle of a world direction, by default up."""
 
-    angle: float = key(document.number, above=0.0, at_most=pi)  # The largest [rad]
-    # In the frame of the tip; default: the one that points in the direction at the start
+    angle: float = key(document.number, above=0.0, at_most=pi)  # maximal [rad]
+    # The axis in the frame of the tip. Default: the axis that points in the direction at the start.
     axis: tuple[float, ...] | None = key(_direction, default=None)
     direction: tuple[float, ...] = key(_direction, default=_UP)
 
 
 @dataclass(frozen=True)
 class TipBox(Section):
-    """Bounds of the tip's position in the world, least and largest coordinate [m]; what is not given is not bounded."""
+    """Bounds (low, high) of the tip's position in the world [m]. Coordinates that are not given are free."""
 
     x: tuple[float, ...] | None = key(document.interval, default=None)
     y: tuple[float, ...] | None = key(document.interval, default=None)
@@ -74,19 +74,18 @@ class TipBox(Section):
 
     @property
     def corners(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """The lower and the upper corner [m], infinite where there is no bound."""
+        """The lower and the upper corner (3,) [m], infinite for free coordinates."""
         bounds = [given or (-inf, inf) for given in (self.x, self.y, self.z)]
         return tuple(low for low, _ in bounds), tuple(high for _, high in bounds)
 
 
 @dataclass(frozen=True)
 class MovingObstacles(Section):
-    """Obstacles that may move in any direction, each no faster than its speed."""
+    """Obstacles that may move in any direction, each at most at its speed."""
 
-    speeds: Mapping[str, float] = key(
-        document.by_name, read=document.number, at_least=0.0, least="obstacle"
-    )  # Bounds [m/s]
-    # From the moment of the scene to the end of the last motion [s].
+    # Bounds of the speeds [m/s], by obstacle.
+    speeds: Mapping[str, float] = key(document.by_name, read=document.number, at_least=0.0, least="obstacle")
+    # Time from the state of the scene to the end of the last motion [s].
     time: float = key(document.number, above=0.0)
 
 
@@ -94,10 +93,10 @@ class MovingObstacles(Section):
 class PathLimits(Section):
     """Hard limits of paths, proven along whole motions."""
 
-    # The largest danger of any configuration; 0 does not limit the danger.
+    # Limit of the danger of each configuration; 0 means no limit.
     max_danger: float = key(document.number, default=0.0, at_least=0.0)
-    # The distance that the robot keeps from `obstacles` [m], by default from those with a danger weight. 0 excludes
-    # contact only. Pairs of a link and an obstacle may be `exempt`.
+    # Minimal distance [m] between the robot and `obstacles`, by default those with a danger weight. 0 only excludes
+    # contact. Pairs of a link and an obstacle may be `exempt`.
     min_clearance: float = key(document.number, default=0.0, at_least=0.0)
     obstacles: tuple[str, ...] | None = key(document.each, default=None, read=document.text)
     exempt: tuple[tuple[str, str], ...] = key(pairs_of_names, default=())
@@ -105,7 +104,7 @@ class PathLimits(Section):
     tip: TipBox | None = key(document.section, default=None, kind=TipBox)
     # Obstacles that may move during the motion. The path is proven free for every such movement.
     moving: MovingObstacles | None = key(document.section, default=None, kind=MovingObstacles)
-    # The largest tracking error of each joint: one for all joints, or one each [rad or m].
+    # Maximal tracking error of the joints: one value for all, or one value each [rad or m].
     tube: ByJoint | None = key(_by_joint, default=None, at_least=0.0)
 
 
@@ -113,15 +112,15 @@ class PathLimits(Section):
 class MotionLimits(Section):
     """Limits of trajectories."""
 
-    # Of the joints: one for all, those of some, or all [rad/s, rad/s², rad/s³; m where they slide]; defaults as in
-    # `RateLimits.of`
+    # Joint limits [rad/s, rad/s², rad/s³; m for prismatic joints]: one value for all joints, values for some joints by
+    # name, or values for all. `RateLimits.of` describes the defaults.
     velocity: ByJoint | None = key(_by_joint, default=None, **RATE_BOUNDS["velocity"])
     acceleration: ByJoint | None = key(_by_joint, default=None, **RATE_BOUNDS["acceleration"])
     jerk: ByJoint | None = key(_by_joint, default=None, **RATE_BOUNDS["jerk"])
-    tool_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])  # Of the tip [m/s]
-    # The largest speed of any point of any link [m/s].
+    tool_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])  # tip [m/s]
+    # Limit of the speed of every point of every link [m/s].
     link_speed: float | None = key(document.number, default=None, **RATE_BOUNDS["speed"])
-    # Of the kinetostatic danger, that grows with speed: k2 and gamma are options of the scenario's danger
+    # Limit of the kinetostatic danger, which grows with speed. The `danger` of a scenario has its parameters k2, gamma.
     max_danger: float | None = key(document.number, default=None, above=0.0)
 
 
@@ -138,9 +137,9 @@ WALKING = 1.6  # [m/s]
 
 
 class BodyRegion(NamedTuple):
-    """Contact limits of a region of the body: largest force of a transient contact [N], 0: none; effective mass [kg].
+    """Contact limits of a body region: force of a transient contact [N], effective mass [kg], stiffness [N/mm].
 
-    Its stiffness is in N/mm.
+    A force of 0 forbids contact.
     """
 
     force: float
@@ -148,8 +147,9 @@ class BodyRegion(NamedTuple):
     stiffness: float
 
 
-# Values that are quoted publicly of ISO/TS 15066:2016, annex A, from secondary sources: circulating tables differ, and
-# the user must check them. Pressure may allow less than force, clamping halves it. Using them is not compliance.
+# These values of ISO/TS 15066:2016, annex A, are quoted from public secondary sources. Such tables differ, so the user
+# must check the values. Pressure limits may be stricter than force limits, and clamping halves the force. Using this
+# table is not compliance.
 CONTACT_SOURCE = "secondary sources of ISO/TS 15066:2016, to be checked; no compliance"
 CONTACT_TABLE: dict[str, BodyRegion] = {
     "head": BodyRegion(0, 4.4, 150),
@@ -175,27 +175,27 @@ def _region(key: str, value: Any) -> BodyRegion:
 
 @dataclass(frozen=True)
 class People(Section):
-    """People beside a robot, and the assumptions about them that trajectories rest on.
+    """People near a robot, with the assumptions about them that trajectories use.
 
-    What is proven holds *if* no limb moves faster than its speed.
+    Proofs hold *if* no limb moves faster than its speed.
 
     Parameters
     ----------
     who : sequence of str, optional
-        Obstacles that are treated as people; default: those whose shape is a person.
+        Obstacles that are treated as people; default: all obstacles whose shape is a person.
     speed : float
-        Bound on the speed of every limb [m/s].
+        Bound on the speed of each limb [m/s].
     speeds : mapping of str to float, optional
         Other bounds for single limbs, such as ``right_hand`` [m/s].
     reaction_time : float
         Time from the measurement of a person until the robot begins to brake [s].
     clearance : float
-        Distance that must be left when the robot stands still [m]: intrusion distance and uncertainties, C + Z_d + Z_r.
+        Remaining distance when the robot stands still [m]: intrusion distance and uncertainties, C + Z_d + Z_r.
     contact : bool
-        Whether the robot may touch people at speeds at which contact stays below the limits of the body region. That is
-        its own speed; the person's is not counted. Where a limb may be clamped half of the force counts.
+        Whether the robot may touch people at speeds that keep the contact below the limits of the body region. Only the
+        speed of the robot counts, not that of the person. If a limb may be clamped, half of the force is allowed.
     regions : mapping of str to 3 float, optional
-        Regions whose force [N], mass [kg] and stiffness [N/mm] replace those of `CONTACT_TABLE`.
+        Force [N], mass [kg] and stiffness [N/mm] of body regions, which replace those of `CONTACT_TABLE`.
 
     Raises
     ------
@@ -219,7 +219,7 @@ class People(Section):
     def names(self, scene: Scene) -> tuple[str, ...]:
         """Return the names of the obstacles that are treated as people.
 
-        Raises InputError if the scene has no person, and none is named; or has no obstacle of such a name.
+        Raises InputError if `who` is not given and the scene has no person, or if an obstacle does not exist.
         """
         if self.who is not None:
             return tuple(scene[name].name for name in self.who)
@@ -232,7 +232,7 @@ class People(Section):
 
     @property
     def contact_sentence(self) -> str:
-        """What is assumed of contact, with the source of the figures; empty where it is not allowed."""
+        """The assumptions about contact, with the source of the values; empty if contact is not allowed."""
         if not self.contact:
             return ""
         sources = ["yours"] if self.regions else []
@@ -246,7 +246,7 @@ class People(Section):
         return self.speeds.get(limb, self.speed)
 
     def region_of(self, limb: str) -> BodyRegion:
-        """Return the contact limits of a limb; those of the head for what is no limb."""
+        """Return the contact limits of a limb. An unknown limb gets the limits of the head."""
         name = limb.removeprefix("left_").removeprefix("right_") if limb in LIMBS else "head"
         name = _OF_LIMB.get(name, name)
         return self.regions.get(name, CONTACT_TABLE[name])

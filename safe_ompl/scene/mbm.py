@@ -22,16 +22,16 @@ WHERE_FROM = (
     "such files come from VAMP's repository: resources/ROBOT/problems.tar.bz2, made into problems.json by its script "
     "resources/problem_tar_to_pkl_json.py"
 )
-# Joint limits are widened for goals that are outside them by at most this much: files round their goals.
+# Joint limits are widened for goals that exceed them by at most this, because the files contain rounded goals.
 _SLIGHTLY = 0.1  # [rad or m]
 
 
 @dataclass(frozen=True)
 class MbmProblem:
-    """One planning problem of a MotionBenchMaker file, the number `index` of a family of scenes.
+    """One planning problem of a MotionBenchMaker file, with its `index` in a family of scenes.
 
-    Joint values [rad or m] are in the order of `joint_names`, of the robot's where the file names none; any of the
-    goals will do. The obstacles are all dangerous with weight 1. The source is file and key, for errors.
+    Joint values [rad or m] are in the order of `joint_names`, or of the robot's joints if the file has no names. The
+    planner may choose any goal. All obstacles have the danger weight 1. The source is file and key, for errors.
     """
 
     family: str
@@ -50,11 +50,11 @@ class MbmProblem:
         return self._for(robot, "start", self.start)
 
     def goal_configurations(self, robot: Robot) -> FloatArray:
-        """Return the goals (G, n) in the order of the robot's joints; errors as `start_configuration`."""
+        """Return the goals (G, n) in the order of the robot's joints. Raises as `start_configuration`."""
         return np.array([self._for(robot, f"goals[{k}]", goal) for k, goal in enumerate(self.goals)])
 
     def widened_limits(self, robot: Robot) -> dict[str, tuple[float, float]]:
-        """Return, for each joint that a goal takes slightly beyond its limits, limits that hold the goal."""
+        """Return wider limits for the joints whose limits a goal slightly exceeds."""
         limits = {
             name: (float(low), float(high))
             for name, low, high in zip(robot.joint_names, robot.lower, robot.upper, strict=True)
@@ -75,7 +75,7 @@ class MbmProblem:
 
 @dataclass(frozen=True)
 class MbmFile:
-    """A MotionBenchMaker file: problems for the robot of that name and these joints, by family."""
+    """A MotionBenchMaker file: problems by family, for the robot and the joints that it names."""
 
     path: Path
     robot: str
@@ -85,9 +85,9 @@ class MbmFile:
 
     @classmethod
     def load(cls, path: str | Path, spacing: float = 0.1) -> MbmFile:
-        """Read a file; the danger points of its scenes have a spacing [m].
+        """Read a file. The danger points of its scenes are `spacing` [m] apart.
 
-        Raises InputError if it cannot be read, is not JSON, or does not hold lists of problems by family.
+        Raises InputError if the file cannot be read, is not JSON, or does not contain lists of problems by family.
         """
         with document.within(str(path), ": "):
             try:
@@ -108,7 +108,7 @@ class MbmFile:
         return {family: len(items) for family, items in self._families.items()}
 
     def problem(self, family: str, k: int) -> MbmProblem:
-        """Return the k-th problem of a family; an InputError names file, key and value if it is malformed."""
+        """Return the k-th problem of a family. Raises InputError with file, key and value if it is malformed."""
         place = f"problems.{family}[{k}]"
         with document.within(str(self.path), ": "):
             data = document.mapping(place, self._families[family][k])

@@ -1,4 +1,4 @@
-"""Programs: steps of work of an arm, with choices of grasps and places; plain data."""
+"""Programs: sequences of steps of an arm, with candidate grasps and places."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from safe_ompl.robot import GoalRegion
 from safe_ompl.scene.constraints import Configuration, pairs_of_names, read_configuration
 
 CONTACT_DEPTH = 0.001
-"""How deep contacts that a step allows may be, unless it says `depth` [m]."""
+"""Default depth [m] of the contacts that a step allows."""
 
 
 @dataclass(frozen=True)
 class Step(Section):
-    """One step of a program, in a document ``{kind: its other keys}``."""
+    """Base class of the steps of a program. A document writes a step as ``{kind: its other keys}``."""
 
     kind: ClassVar[str]
 
     def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
-        """Return what `read_step` reads."""
+        """Return the step as a mapping for `read_step`."""
         return {self.kind: super().to_mapping(folder)}
 
     def __str__(self) -> str:
@@ -34,59 +34,58 @@ class Step(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class _Contact(Step):
-    """A step on which links may touch obstacles."""
+    """A step during which links may touch obstacles."""
 
-    # Pairs of a link, or an object that is held, and an obstacle, or of a link and an object that is held, that may
-    # touch; no deeper than this [m]
+    # Pairs that may touch up to `depth` [m]: a link or a held object with an obstacle, or a link with a held object.
     touching: tuple[tuple[str, str], ...] = key(pairs_of_names, default=())
     depth: float = key(document.number, default=CONTACT_DEPTH, above=0.0)
 
 
 @dataclass(frozen=True)
 class _Target(_Contact):
-    """A step to a place of the tip; one of its `ways` says where."""
+    """A step with a target. Exactly one of the keys in `ways` gives the target."""
 
     ways: ClassVar[tuple[str, ...]] = ("pose", "grasp", "place")
-    # In the world; in a document `position` and `quaternion_xyzw`, `rpy` or `yaw`
+    # The pose in the world; in a document `position` and `quaternion_xyzw`, `rpy` or `yaw`.
     pose: Pose | None = key(document.section, default=None, kind=Pose)
-    # An object: the tip goes to one of its grasps.
+    # The name of an object. The tip moves to one of its grasps.
     grasp: str | None = key(document.text, default=None)
-    # An attached object: it goes to one of its places.
+    # The name of a held object. The object moves to one of its places.
     place: str | None = key(document.text, default=None)
-    # The target is moved up in the world, and back along the z axis of the tip [m].
+    # Offsets of the target: up in the world, and back along the z axis of the tip [m].
     up: float = key(document.number, default=0.0)
     back: float = key(document.number, default=0.0)
-    # Of several robots in a cell the one that moves, by its prefix; default: the one that has the tip
+    # In a cell, the prefix of the robot that moves; default: the robot with the tip.
     arm: str | None = key(document.text, default=None)
 
     @property
     def targets(self) -> dict[str, Any]:
-        """What says where to go, by key."""
+        """The given targets, by key."""
         return {name: value for name in self.ways if (value := getattr(self, name)) is not None}
 
     def check(self) -> None:
-        """Raise InputError unless one thing says where to go."""
+        """Raise InputError unless exactly one target is given."""
         if len(self.targets) != 1:
             found = " and ".join(self.targets) or "none"
             raise InputError(f"give exactly one way to say where to go; found {found}", self.kind)
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path | None = None) -> _Target:
-        """Read the step; the keys of a pose are its own."""
+        """Read the step. The keys of its pose are on the same level as its other keys."""
         rest = {name: value for name, value in data.items() if name not in POSE_KEYS}
         if len(rest) < len(data):
             rest["pose"] = Pose.from_mapping({name: data[name] for name in POSE_KEYS if name in data})
         return super().from_mapping(rest, folder)
 
     def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
-        """Return what `read_step` reads."""
+        """Return the step as a mapping for `read_step`."""
         ((kind, said),) = super().to_mapping(folder).items()
         return {kind: {**said.pop("pose", {}), **said}}
 
 
 @dataclass(frozen=True)
 class Move(_Target):
-    """A planned motion, by whatever way is free: to a place or region of the tip, or a configuration of the arm."""
+    """A planned collision-free motion to a pose or region of the tip, or to a configuration of the arm."""
 
     kind: ClassVar[str] = "move"
     ways = (*_Target.ways, "configuration", "region")
@@ -98,12 +97,12 @@ class Move(_Target):
 class _Corridor(_Contact):
     """A tool motion in a corridor."""
 
-    # The largest deviations of the tip from the curve [m], and from its orientation [rad].
+    # Maximal deviations of the tip from the position [m] and the orientation [rad] of the curve.
     within: float = key(document.number, default=0.001, above=0.0)
     angle: float = key(document.number, default=0.01, above=0.0)
-    # The tip may turn about this axis of its frame.
+    # The tip may rotate freely about this axis of its frame.
     free_axis: str | None = key(document.one_of, default=None, known=("x", "y", "z"))
-    # Speed of the tip [m/s]; default: as fast as the joints can.
+    # Speed of the tip [m/s]; default: as fast as the joint limits allow.
     speed: float | None = key(document.number, default=None, above=0.0)
 
 
@@ -118,13 +117,13 @@ class Line(_Corridor, _Target):
 
     @property
     def targets(self) -> dict[str, Any]:
-        """What says where to go, by key; up and back alone do."""
+        """The given targets, by key. `up` or `back` alone is a displacement from the current pose."""
         return super().targets or ({"by": (0.0, 0.0, 0.0)} if self.up or self.back else {})
 
 
 @dataclass(frozen=True)
 class Seam(_Corridor):
-    """A motion of the tip along a spline from where it is through poses in the world."""
+    """A motion of the tip along a spline from its current pose through poses in the world."""
 
     kind: ClassVar[str] = "seam"
     poses: tuple[Pose, ...] = key(document.each, factory=tuple, read=document.section, kind=Pose, least="pose")
@@ -133,7 +132,7 @@ class Seam(_Corridor):
 
 @dataclass(frozen=True)
 class Gripper(_Contact):
-    """Joints of a gripper that move to values [rad or m], by name; all others stand still."""
+    """A motion of gripper joints to values [rad or m], by name. All other joints stand still."""
 
     kind: ClassVar[str] = "gripper"
     joints: Mapping[str, float] = key(document.by_name, read=document.number, factory=dict, least="joint")
@@ -141,7 +140,7 @@ class Gripper(_Contact):
 
 @dataclass(frozen=True)
 class Attach(Step):
-    """From here on an obstacle of the scene is held by the tip, where it is now."""
+    """Attach an obstacle of the scene to the tip at its current pose."""
 
     kind: ClassVar[str] = "attach"
     object: str = key(document.text)
@@ -150,7 +149,7 @@ class Attach(Step):
 
 @dataclass(frozen=True)
 class Detach(Step):
-    """From here on an object that was held is an obstacle, where it is now."""
+    """Detach a held object. It becomes an obstacle at its current pose."""
 
     kind: ClassVar[str] = "detach"
     object: str = key(document.text)
@@ -158,7 +157,7 @@ class Detach(Step):
 
 @dataclass(frozen=True)
 class Wait(_Contact):
-    """The robot stands still for a time [s]."""
+    """Stand still for a time [s]."""
 
     kind: ClassVar[str] = "wait"
     time: float = key(document.number, above=0.0)
@@ -169,7 +168,7 @@ _SHORT = {"attach": "object", "detach": "object", "wait": "time"}  # ``{attach: 
 
 
 def read_step(key: str, value: Any) -> Step:
-    """Return a step, given as one or as a document has it."""
+    """Return `value` if it is a `Step`, else read it as a mapping of a document."""
     if isinstance(value, Step):
         return value
     given = document.mapping(key, value, KINDS)
@@ -188,16 +187,16 @@ _POSES = partial(document.each, read=document.section, kind=Pose, least="pose")
 
 @dataclass(frozen=True)
 class Program(Section):
-    """Steps of work, one after the other, and what may be chosen on the way.
+    """A sequence of steps, with candidate grasps and places of objects.
 
     Parameters
     ----------
     steps : sequence of Step
         `Move`, `Line`, `Seam`, `Gripper`, `Attach`, `Detach` and `Wait`.
     grasps : mapping of str to sequence of Pose
-        By object: where the tip may be to grasp it, in the frame of the object.
+        Candidate poses of the tip for grasping, in the frame of the object, by object.
     places : mapping of str to sequence of Pose
-        By object: where it may be put, in the world.
+        Candidate poses for placing the object, in the world, by object.
 
     Examples
     --------
@@ -212,11 +211,11 @@ class Program(Section):
 
     @property
     def gripper_joints(self) -> tuple[str, ...]:
-        """The joints that steps of grippers move."""
+        """The joints that `Gripper` steps move."""
         return tuple(dict.fromkeys(name for step in self.steps if isinstance(step, Gripper) for name in step.joints))
 
     def check(self) -> None:
-        """Raise InputError where a step needs grasps or places that are not there."""
+        """Raise InputError if a step needs grasps or places that the program does not have."""
         for k, step in enumerate(self.steps):
             for kind, known in (("grasp", self.grasps), ("place", self.places)):
                 name = getattr(step, kind, None)

@@ -1,4 +1,4 @@
-"""Planning problems in a file: robot, scene, start, goal, limits, and the parameters of danger and planners."""
+"""Scenarios: planning problems in YAML files, with robot, scene, start, goal, limits and parameters."""
 
 from __future__ import annotations
 
@@ -22,21 +22,22 @@ _TURNS = ("quaternion_xyzw", "rpy")
 
 @dataclass(frozen=True)
 class Goal(Section):
-    """Where the robot is to go: to one of several configurations, or with its tip to a place.
+    """A goal: one of several configurations, a pose of the tip, or a task space region.
 
-    Both may be given; a planner takes the one that it can use.
+    If a goal has configurations as well as a pose or region, a planner takes the form that it supports.
     """
 
-    configurations: tuple[Configuration, ...] = key(document.each, default=(), read=read_configuration)  # any will do
+    # The planner may choose any of these configurations.
+    configurations: tuple[Configuration, ...] = key(document.each, default=(), read=read_configuration)
     # Position of the tip in the world [m].
     position: tuple[float, ...] | None = key(document.numbers, default=None, count=3)
     quaternion_xyzw: tuple[float, ...] | None = key(document.numbers, default=None, count=4)
-    # How near to the place or region is near enough [m]; default: 0.01 for a place, 0.001 for a region
+    # Tolerated distance from the pose or region [m]; default: 0.01 for a pose, 0.001 for a region.
     tolerance: Any = key(document.number, default=None, above=0.0)  # becomes a float
     region: GoalRegion | None = key(document.section, default=None, kind=GoalRegion)  # instead of a position
 
     def check(self) -> None:
-        """Raise InputError unless they say where to go, in one way."""
+        """Raise InputError if there is no goal, or several contradict each other."""
         if self.tolerance is None:
             object.__setattr__(self, "tolerance", self._usual_tolerance)
         if self.region is not None and (self.position is not None or self.quaternion_xyzw is not None):
@@ -54,12 +55,12 @@ class Goal(Section):
 
     @property
     def is_place(self) -> bool:
-        """Whether it says where the tip is to be."""
+        """Whether the goal has a pose or a region of the tip."""
         return self.position is not None or self.region is not None
 
     @property
     def rotation(self) -> FloatArray | None:
-        """Orientation of the tip as a matrix (3, 3), or None where any will do."""
+        """Orientation of the tip as a matrix (3, 3), or None if it is free."""
         if self.position is None or self.quaternion_xyzw is None:
             return None
         return np.asarray(Pose(self.position, self.quaternion_xyzw).se3.rotation)
@@ -78,7 +79,7 @@ class Goal(Section):
         return super().from_mapping(read, folder)
 
     def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
-        """Return what `from_mapping` reads."""
+        """Return the goal as a mapping for `from_mapping`."""
         data = super().to_mapping(folder)
         if self.tolerance == self._usual_tolerance:
             del data["tolerance"]
@@ -87,7 +88,7 @@ class Goal(Section):
         return data
 
     def configuration_array(self, robot: Robot) -> FloatArray:
-        """Return the goal configurations as an array (G, n); errors as `configuration_for`, also if there is none."""
+        """Return the goal configurations (G, n). Raises InputError if there are none, and as `configuration_for`."""
         if not self.configurations:
             raise InputError("missing: this planner needs a goal configuration", "configuration")
         if len(self.configurations) == 1:
@@ -99,9 +100,8 @@ class Goal(Section):
 def configuration_for(robot: Robot, key: str, given: Configuration, *, is_start: bool = False) -> FloatArray:
     """Return a configuration as joint values (n,) in the order of the robot's joints [rad or m].
 
-    The `key` is what it is called, for errors: InputError, if it has not one value for every joint, or a value is
-    outside the joint's limits; UnknownNameError, if it names a joint that the robot does not have (or that is locked),
-    or a state that its SRDF does not have.
+    Raises InputError, which starts with `key`, if a joint has no value, or a value is outside the joint limits;
+    UnknownNameError for a joint that the robot does not have (or that is locked), or an unknown group state.
     """
     if not isinstance(given, (Mapping, str)) and len(given) != robot.n:
         names = ", ".join(robot.joint_names)
@@ -118,7 +118,7 @@ _PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 
 
 def _parameters(key: str, value: Any) -> dict[str, Any]:
-    """Return a mapping of names to finite numbers, flags, text, or lists of numbers."""
+    """Read a mapping of names to finite numbers, flags, text, or lists of numbers."""
     return document.by_name(key, {} if value is None else value, _parameter)
 
 
@@ -144,28 +144,28 @@ class Scenario(Section):
     Parameters
     ----------
     name, description : str
-        Name for reports, and what happens here.
+        Name and description for reports.
     robot, scene : RobotSpec, Scene
-        Which robot, and the obstacles.
+        The robot and the obstacles.
     start : sequence of float, mapping of str to float, or str
-        Start configuration, in the order of the robot's joints or by joint name [rad or m]; or the name of a state in
-        its SRDF.
+        Start configuration, in the order of the robot's joints or by joint name [rad or m], or the name of a group
+        state in the SRDF.
     goal : Goal, optional
-        Where to go; needed unless there is a program.
+        The goal; needed unless there is a program.
     program : Program, optional
-        Steps of work instead.
+        Steps of work, instead of a goal.
     danger, planners : mapping, optional
-        Parameters of the danger field by name, and those of planners by the planner's name.
+        Parameters of the danger field by name, and parameters of planners by the planner's name.
     limits, motion : PathLimits, MotionLimits, optional
-        What every path must keep to, and how fast the robot may move, for trajectories.
+        Limits of all paths, and limits of trajectories.
     people : People, optional
-        Who may come near it, for trajectories.
+        People near the robot, for trajectories.
     time : float, optional
-        Time limit [s].
+        Time limit of planning [s].
     frames : mapping of str to Pose, optional
-        Where frames of sensors are in the world, for messages of ROS that are in them.
+        Poses of sensor frames in the world, for ROS messages in these frames.
     file : Path, optional
-        Where the scenario came from, for errors.
+        File of the scenario, for error messages.
 
     Raises
     ------
@@ -197,23 +197,23 @@ class Scenario(Section):
     file: Path | None = field(default=None, compare=False)
 
     def check(self) -> None:
-        """Raise InputError if there is nothing to do."""
+        """Raise InputError if there is neither a goal nor a program."""
         if self.goal is None and self.program is None:
             raise InputError("missing, but needed", "goal")
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Scenario:
-        """Read a scenario from a YAML file, or the one of a name, see `list_scenarios`.
+        """Read a scenario from a YAML file, or by its name in `list_scenarios`.
 
-        The files that it names are relative to it. Raises InputError, which names file, key and value, if it cannot be
-        read or is not valid; UnknownNameError if there is none of that name.
+        File names in the scenario are relative to its file. Raises InputError with file, key and value if the file
+        cannot be read or is not valid; UnknownNameError for an unknown name.
         """
         file = Path(name_or_path)
         if file.suffix.lower() in (".urdf", ".xacro"):
             raise InputError(
                 f"is a robot, not a scenario: `safe-ompl new {file} -o scenario.yaml` writes one for it", str(file)
             )
-        # Without such an ending it is the name of a scenario.
+        # Without one of these endings, the argument is the name of a scenario.
         if file.suffix.lower() not in (".yaml", ".yml"):
             file = find_scenario(name_or_path)
         with files.reading(file) as data:
@@ -230,20 +230,20 @@ class Scenario(Section):
         files.write(path, files.dump_document(self.to_mapping(Path(path).parent)))
 
     def build_robot(self) -> Robot:
-        """Return the robot; an InputError names the scenario file."""
+        """Build the robot. An InputError names the scenario file."""
         with document.within(f"{self._source}: robot", ": "):
             return Robot(self.robot)
 
     def start_configuration(self, robot: Robot) -> FloatArray:
-        """Return the start as joint values (n,) [rad or m]; errors as `configuration_for`.
+        """Return the start configuration (n,) [rad or m]. Raises as `configuration_for`.
 
-        A start that is slightly outside the limits begins at these, as `Robot.clipped_start` says.
+        A start slightly outside the limits is clipped to them, see `Robot.clipped_start`.
         """
         with document.within(self._source, ": "):
             return configuration_for(robot, "start", self.start, is_start=True)
 
     def goal_configurations(self, robot: Robot) -> FloatArray:
-        """Return the goal configurations (G, n) [rad or m]; errors as `Goal.configuration_array`."""
+        """Return the goal configurations (G, n) [rad or m]. Raises as `Goal.configuration_array`."""
         with document.within(f"{self._source}: goal"):
             if self.goal is None:
                 raise InputError("missing: it has a program, which `plan` and `plan_program` take")
@@ -255,9 +255,9 @@ class Scenario(Section):
 
 
 def list_scenarios(*, programs: bool = False) -> dict[str, Path]:
-    """Return the scenario files by name: in ``scenarios`` here, then in the package, then in its checkout.
+    """Return the scenario files by name. The folders ``scenarios`` are searched in this order: here, package, checkout.
 
-    With `programs` those in ``scenarios/programs`` instead, which have no goal, but steps of work.
+    With `programs`, the folders ``scenarios/programs`` are searched instead. Their scenarios have a program, no goal.
     """
     within = Path("scenarios", "programs") if programs else Path("scenarios")
     folders = (within, _PACKAGE_FOLDER / within, _PACKAGE_FOLDER.parent / within)
@@ -268,9 +268,9 @@ def list_scenarios(*, programs: bool = False) -> dict[str, Path]:
 
 
 def find_scenario(name_or_path: str | Path) -> Path:
-    """Return the scenario file of this path or, failing that, of this name; see `list_scenarios`.
+    """Return the scenario file with this path, else with this name in `list_scenarios`.
 
-    Raises UnknownNameError, which lists those that exist, if there is none.
+    Raises UnknownNameError with the known names if there is none.
     """
     path = Path(name_or_path)
     if path.is_file():

@@ -1,8 +1,8 @@
-"""The text files in which MoveIt and RViz keep the objects of a planning scene (`.scene`).
+"""Reading `.scene` files, in which MoveIt and RViz store the objects of a planning scene.
 
-The first line is a name. An object begins with `* ID`, and a line with a dot ends the file. Since 2020 the pose of the
-object comes next, and subframes end it. Then there are the number of its shapes and, of each, its kind, its sizes, its
-pose, and its colour. A pose is a position [m] and a quaternion, x, y, z, w.
+The first line is a name. Each object begins with `* ID`, and a line with a dot ends the file. Files since 2020 have the
+pose of the object on the next line, and subframes at the end of the object. The number of shapes follows and, for each
+shape, its kind, sizes, pose and colour. A pose is a position [m] and a quaternion x, y, z, w.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from safe_ompl.common import InputError, UnknownNameError, documents as document
 from safe_ompl.geometry import Box, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere, surfaces, written_mesh
 
 _SIZES = {"box": ("x", "y", "z"), "sphere": ("radius",), "cylinder": ("radius", "length"), "cone": ("radius", "length")}
-# Corners of the polygon around the base of a cone, which is 0.5 % wider than the base at most.
+# Number of corners of the polygon around the base of a cone. The polygon is at most 0.5 % wider than the base.
 _CONE_CORNERS = 32
 
 
 def read_scene_text(file: str | Path, meshes: str | Path | None = None) -> tuple[Obstacle, ...]:
-    """Return the objects of a `.scene` file as obstacles, called as there; of several shapes ID/0, ID/1, ….
+    """Return the objects of a `.scene` file as obstacles with the same names; several shapes are named ID/0, ID/1, ….
 
-    Meshes, which the file holds as points, and cones are written to the folder `meshes` (.obj). Raises InputError,
-    which names file, line and value, if the file is malformed, or holds such shapes and no folder is given.
+    Meshes and cones are written to the folder `meshes` (.obj). Raises InputError with file, line and value if the file
+    is malformed, or contains meshes or cones without a folder given.
     """
     path = Path(file)
     with document.within(str(path), ": "):
@@ -51,9 +51,10 @@ def read_scene_text(file: str | Path, meshes: str | Path | None = None) -> tuple
 
 
 def written_cone(folder: Path | None, name: str, radius: float, length: float) -> Mesh:
-    """Return a mesh around a cone, whose tip is on the positive z axis and whose origin is half-way up.
+    """Write a mesh that contains a cone to a folder (.obj), and return the mesh.
 
-    The mesh, which is written to a folder (.obj), contains the cone: its base is a polygon around that of the cone.
+    The tip of the cone is on the positive z axis, and the origin at half its height. The base of the mesh is a polygon
+    around the base of the cone.
     """
     wide, half = radius / cos(pi / _CONE_CORNERS), length / 2
     vertices, faces = surfaces.revolved_triangles(np.array([[0.0, -half], [wide, -half], [0.0, half]]), _CONE_CORNERS)
@@ -61,19 +62,19 @@ def written_cone(folder: Path | None, name: str, radius: float, length: float) -
 
 
 class _Words:
-    """The words of a file, which are read one after another; `name` is the object that they belong to."""
+    """The words of a file, which are read in order; `name` is the object that is being read."""
 
     def __init__(self, path: Path, content: str) -> None:
         lines = content.splitlines()
         self._path, self._line, self._next, self.name = path, 1, 0, ""
         self._words = [(k, word) for k, line in enumerate(lines[1:], start=2) for word in line.split()]
-        # As in MoveIt the line after that of the first object tells: a pose has several words, a number of shapes one.
+        # As in MoveIt, the line after the first object decides: a pose has several words, a number of shapes has one.
         starts = [k for k, line in enumerate(lines) if k and line.startswith("*")]
         self.has_poses = bool(starts) and " " in "".join(lines[starts[0] + 1 : starts[0] + 2]).strip()
 
     @property
     def place(self) -> str:
-        """File, line and object, for errors."""
+        """File, line and object, for error messages."""
         return f"{self._path}:{self._line}" + (f": {self.name!r}" if self.name else "")
 
     def word(self, what: str) -> str:
@@ -112,7 +113,7 @@ class _Words:
         shape = self.shape(name, folder)
         place = self.pose()
         color = [self.number("color", at_least=0.0, at_most=1.0) for _ in range(4)]
-        # Zeros stand for no colour.
+        # All zeros mean that the object has no colour.
         return Obstacle(name, shape, Pose.of(frame * place), color=color[:3] if any(color) else None)
 
     def shape(self, name: str, folder: Path | None) -> Shape:
