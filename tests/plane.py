@@ -120,7 +120,7 @@ class PlaneProblem:
         state[0:2] = list(point)
         return state
 
-    def solve(self, time=5.0):
+    def solve(self, time=60.0):
         return self.planner.solve(time).getStatus()
 
     @property

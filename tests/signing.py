@@ -1,5 +1,8 @@
 """Certificates whose content was changed."""
 
+import copy
+import json
+
 from safe_ompl.io.schema import digest
 
 
@@ -11,3 +14,15 @@ def claimed(content, number=0):
 def signed(content):
     """Return the content with the digest that belongs to it: whoever tampers can compute that."""
     return {**content, "digest": digest(content)}
+
+
+def travelled(content):
+    """Return the content as it is read from a file."""
+    return json.loads(json.dumps(content))
+
+
+def tampered(content, change):
+    """Return a changed copy of the content, signed."""
+    content = copy.deepcopy(content)
+    change(content)
+    return signed(content)

@@ -1,13 +1,11 @@
 """Claims of motions of polynomials, and of tubes: what is proven verifies, what is accepted holds, nothing is faked."""
 
-import copy
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import interpolate
-from signing import claimed, signed
+from signing import claimed, tampered, travelled
 
 from safe_ompl import (
     CertificateError,
@@ -52,16 +50,6 @@ def motions():
         "Bézier of degree 9": interpolate.BPoly(np.repeat(POINTS, [2, 3, 3, 2], axis=0)[:, None], [0.0, 2.4]),
         "bare samples": Motion.sampled(FINE, spline()(FINE), 0.5),
     }
-
-
-def travelled(content):
-    return json.loads(json.dumps(content))
-
-
-def tampered(content, change):
-    content = copy.deepcopy(content)
-    change(content)
-    return signed(content)
 
 
 @pytest.fixture(scope="module")

@@ -1,14 +1,12 @@
 """Certificates of timed motions: limits, freedom of the curve, stops; and that no mutation claims what is false."""
 
-import copy
-import json
 from dataclasses import replace
 from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from signing import claimed, signed
+from signing import claimed, tampered, travelled
 
 from safe_ompl import CertificateError, DangerField, InputError, KinetostaticField, Obstacle, People, Robot
 from safe_ompl.certificates import certificate, verify
@@ -45,14 +43,12 @@ def made(ur5, scene):
 
 @pytest.fixture(scope="module")
 def written(ur5, scene, made):
-    return json.loads(json.dumps(certificate(PATH, ur5, scene, trajectory=made)))
+    return travelled(certificate(PATH, ur5, scene, trajectory=made))
 
 
 def again(written, change):
     """Return the certificate with a change of its trajectory, and the digest that belongs to it."""
-    content = copy.deepcopy(written)
-    change(claimed(content)["trajectory"])
-    return signed(content)
+    return tampered(written, lambda content: change(claimed(content)["trajectory"]))
 
 
 def test_a_timed_motion_is_claimed_and_verified(written, ur5, scene, made):
@@ -83,7 +79,7 @@ def endangering(request, ur5, scene):
     field = DangerField.of_scene(ur5, weighed, aggregate=request.param)
     made = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0))
     content = certificate(PATH, ur5, weighed, trajectory=made, field=field)
-    return json.loads(json.dumps(content)), field, weighed, made
+    return travelled(content), field, weighed, made
 
 
 def asked(field, scene):
@@ -272,7 +268,7 @@ def smooth(ur5, scene):
     limits = RateLimits.of(ur5, 2.0, 4.0, 500.0)
     made = time_path(PATH, ur5, limits, motion=motion, people=PEOPLE, tool_speed=0.2, link_speed=0.22)
     assert {"tool speed", "link speed"} & set(made.binding())
-    return json.loads(json.dumps(certificate(PATH, ur5, scene, trajectory=made)))
+    return travelled(certificate(PATH, ur5, scene, trajectory=made))
 
 
 def test_jerk_and_speeds_of_tool_and_links_are_claimed(smooth, ur5, scene):
