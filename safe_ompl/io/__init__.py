@@ -1,4 +1,4 @@
-"""Results, paths, scenes and robots as files: one versioned JSON form, and the forms of others by their endings."""
+"""Save and load results, paths, scenes and robots, as versioned JSON or in the formats of other programs."""
 
 import lazy_loader
 

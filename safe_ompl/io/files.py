@@ -1,4 +1,4 @@
-"""Saving and loading results, paths and scenes, in the JSON form that they share."""
+"""Save and load results, paths and scenes in one JSON format."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from safe_ompl.tasks import ProgramResult
 
 
 def result_to_mapping(result: PlanResult, meshes: bool | None = None) -> dict[str, Any]:
-    """Return a result as plain data, with its robot, scene and danger where it has them; `meshes` as in `save`."""
+    """Convert a result to plain data, including its robot, scene and danger if it has them; `meshes` as in `save`."""
     about = None
     if result.robot is not None and result.scene is not None:
         about = CarriedProblem(result.robot, result.scene, result.danger).to_mapping(meshes)
@@ -32,7 +32,7 @@ def result_to_mapping(result: PlanResult, meshes: bool | None = None) -> dict[st
 def result_from_mapping(
     data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[PackageDir] = ()
 ) -> PlanResult:
-    """Return the result that `result_to_mapping` wrote; parameters and errors as of `load`."""
+    """Read the result that `result_to_mapping` wrote. Parameters and errors are those of `load`."""
     names = tuple(document.sequence("joint_names", document.require(data, "joint_names")))
     path = document.require(data, "path")
     planned = data.get("planned_path")
@@ -51,7 +51,7 @@ def result_from_mapping(
         simplification_time=document.number("simplification_time", data.get("simplification_time", 0.0)),
         counts=Counts(**document.mapping("counts", data.get("counts") or {})),
         setup_time=document.number("setup_time", data.get("setup_time", 0.0)),
-        validation_time=document.number("report_time", data.get("report_time", 0.0)),  # all that reporting took
+        validation_time=document.number("report_time", data.get("report_time", 0.0)),  # all reporting
         improvements=tuple(Improvement(item["time"], item["cost"]) for item in data.get("improvements", ())),
         ways=tuple(document.number("ways", cost) for cost in document.sequence("ways", data.get("ways", ()))),
         repaired=document.text("repaired", data["repaired"]) if "repaired" in data else "",
@@ -69,7 +69,7 @@ def _report(data: Mapping[str, Any]) -> PathReport:
     if danger is not None:
         danger = DangerReport(**{**danger, "profile": np.array(danger["profile"], dtype=float)})
     for key in ("min", "mean"):
-        # Where there is no obstacle a file has null.
+        # JSON has no infinity. A scene without obstacles has an infinite clearance, which the file stores as null.
         clearance[key] = np.inf if clearance[key] is None else clearance[key]
     certified = bool(document.require(data, "certified"))
     return PathReport(float(data["length"]), danger, ClearanceReport(**clearance), certified)
@@ -82,23 +82,26 @@ Loaded: TypeAlias = PlanResult | Scene | Motion | MotionRecord
 def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> None:
     """Write a result, a motion, a trajectory or a scene to a file that `load` reads back.
 
-    The ending says in which form. JSON is read back exactly, of a program and of a trajectory the motion: a result
-    carries its robot and its scene, a scene its meshes and points. All else holds way points, with times and rates
-    where there are any: a table (.csv, .tsv, .txt), arrays (.npz), a message trajectory_msgs/JointTrajectory (.yaml).
+    The file extension selects the format. JSON is read back without loss; of a program or a trajectory, `load` reads
+    the motion. The JSON of a result contains its robot and scene, the JSON of a scene its meshes and point clouds. All
+    other formats hold way points, with times and derivatives if the motion has them: a table (.csv, .tsv, .txt), arrays
+    (.npz), or a message trajectory_msgs/JointTrajectory (.yaml).
 
     Parameters
     ----------
     thing : PlanResult, ProgramResult, Scene, Motion or Trajectory
-        What to write.
+        The object to write.
     file : path-like
         The file.
     meshes : bool, optional
-        Whether a result carries the meshes of its robot; default: if they are small, and the robot is no example.
+        Whether a result includes the meshes of its robot. By default small meshes are included, unless the robot is an
+        example robot.
 
     Raises
     ------
     InputError
-        If it is none of these, the file has another ending or cannot hold it, or a file of the scene is gone.
+        If `thing` has another type, the extension is unknown, the format cannot represent `thing`, or a file of the
+        scene no longer exists.
     """
     if not isinstance(thing, Saveable):
         kinds = "a PlanResult, a ProgramResult, a Scene, a Motion or a Trajectory"
@@ -126,24 +129,24 @@ def _saved(thing: Saveable, meshes: bool | None) -> dict[str, Any]:
 
 
 def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence[str | PackageDir] = ()) -> Loaded:
-    """Read what `save` wrote, or `safe-ompl plan --json` or `--trajectory`, or `Trajectory.to_json`.
+    """Read a file that `save`, `safe-ompl plan --json` or `--trajectory`, or `Trajectory.to_json` wrote.
 
-    Files of other forms than JSON, and trajectories without their scene, are motions: see `read_motion`.
+    Files other than JSON, and trajectories without a scene, are read as motions; see `read_motion`.
 
     Parameters
     ----------
     file : path-like
         The file.
     robot : Robot, optional
-        The robot of a result or trajectory, where it does not travel in it.
+        The robot of a result or trajectory. It is needed if the file does not contain the robot.
     package_dirs : sequence of path-like or NamedPackage
-        Folders that hold the packages, or the meshes, that the URDF of the robot names, where these do not travel; or
-        packages by their names.
+        Folders with the packages or meshes that the URDF of the robot names, or named packages. They are needed if the
+        file does not contain the meshes.
 
     Raises
     ------
     InputError, CertificateError
-        If it has another form or version, or cannot be built; names the file.
+        If the file has another format or version, or its content cannot be built. The message names the file.
     """
     if Path(file).suffix.lower() != ".json":
         return read_motion(file)

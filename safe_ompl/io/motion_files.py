@@ -1,4 +1,4 @@
-"""Motions in files; one table, `FORMS`, says by the ending how each is read and written."""
+"""Read and write motions. The table `FORMS` maps each file extension to its reader and writer."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ _RATES = ("velocities", "accelerations")
 _POINT = ("positions", *_RATES, "effort", "time_from_start")
 _COLUMN = re.compile(r"(.+)_(position|velocity|acceleration)")
 _LOGGED = re.compile(r"(.+)_(commanded|measured)")
-# What is read from a file may differ from what was written by so much.
+# The motion read back from a file may differ from the written motion by at most this, in every coefficient.
 _SAME = 1e-6  # [rad or m]
 _POINTS = ("joint_names", "times", "positions", *_RATES)
-# A trajectory may begin so far from the start state that is sent with it: MoveIt's default for executing it.
+# Allowed difference between the start state in a message and the first point. MoveIt's default when it executes a
+# trajectory (allowed_start_tolerance).
 _START = 0.01  # [rad or m]
 _EXPECTED = (
     "must hold joint_names and points (trajectory_msgs/JointTrajectory), a joint_trajectory with them "
@@ -38,7 +39,7 @@ _EXPECTED = (
 
 
 class Form(NamedTuple):
-    """How motions are read from a file, given names of columns and those to leave out, and written from points."""
+    """A file format. `read` takes path, column names and columns to ignore; `write` takes arrays of way points."""
 
     read: Callable[[Path, Sequence[str] | None, Sequence[str]], Motion]
     write: Callable[[Mapping[str, Any]], str | bytes] | None = None
@@ -52,40 +53,40 @@ def read_motion(
     joints: Sequence[str] | None = None,
     ignore: Sequence[str] = (),
 ) -> Motion:
-    """Read a motion that something else made; files without times hold paths.
+    """Read a motion from a file of another program. A file without times is read as a path.
 
-    What is between points is what ROS 2's joint_trajectory_controller makes of them (`Motion.hermite`).
+    Between points the motion is interpolated as by ROS 2's joint_trajectory_controller (`Motion.hermite`).
 
     Parameters
     ----------
     file : path-like
-        By its ending:
+        The extension selects the format:
 
         .csv, .tsv, .txt
-            Columns with commas, semicolons, tabs or spaces between them; lines that begin with # are comments. A line
-            with names of columns, or none, then numbers: `time` [s] or none; and a column for each joint, or columns
-            `<joint>_position`, `_velocity` and `_acceleration`.
+            Columns separated by commas, semicolons, tabs or spaces. Lines that begin with # are comments. An optional
+            header line names the columns; rows of numbers follow. The columns are an optional `time` [s], and for each
+            joint either its position, or `<joint>_position`, `_velocity` and `_acceleration`.
         .npz
-            Arrays `positions` (N, n), and `times`, `velocities`, `accelerations`, `joint_names` as far as known.
+            Array `positions` (N, n), and optionally `times`, `velocities`, `accelerations`, `joint_names`.
         .npy
-            One array: the numbers of a table.
+            One array (N, m) with the numbers of a table.
         .json, .yaml, .yml
             A message `trajectory_msgs/JointTrajectory`, `moveit_msgs/RobotTrajectory` or
-            `moveit_msgs/DisplayTrajectory`, as `ros2 topic echo --full-length` prints it; or JSON of `safe_ompl.save`
-            and `safe-ompl plan --json` or `--trajectory`.
+            `moveit_msgs/DisplayTrajectory`, as `ros2 topic echo --full-length` prints it; or JSON of `safe_ompl.save`,
+            `safe-ompl plan --json` or `--trajectory`.
     robot : Robot, optional
-        Put the columns in the order of its joints, as `Motion.for_robot`.
+        If given, the columns are sorted in the order of this robot's joints (`Motion.for_robot`).
     degrees : bool
-        Whether joints that turn are in degrees; which ones do only the robot knows.
+        Whether revolute joints are in degrees. This needs `robot`, which says which joints are revolute.
     joints : sequence of str, optional
-        Names of the columns, `time` among them where there is one, of a file that does not name them.
+        Names of the columns (including `time`) for a file without a header line.
     ignore : sequence of str
         Joints or columns to leave out, such as a gripper's.
 
     Raises
     ------
     InputError
-        If the file is of another kind, or holds no motion; names file, place and value.
+        If the extension is unknown or the file holds no motion. The message names file, key and value.
     """
     path = Path(file)
     if path.suffix.lower() not in FORMS:
@@ -98,10 +99,11 @@ def read_motion(
 
 
 def read_log(file: str | Path) -> tuple[Motion, Motion]:
-    """Return the commanded and the measured motion of a log; between samples they are straight.
+    """Read the commanded and the measured motion of a log file, interpolated linearly between samples.
 
-    A table (.csv, .tsv, .txt) with columns `time` [s], `<joint>_commanded` and `<joint>_measured`, or arrays of these
-    names (.npz); other columns are not looked at. An InputError if the file is of another kind, or a column is missing.
+    The file is a table (.csv, .tsv, .txt) with columns `time` [s], `<joint>_commanded` and `<joint>_measured`, or holds
+    arrays of these names (.npz). Other columns are ignored. Raises InputError if the extension is unknown or a column
+    is missing.
     """
     path = Path(file)
     kind = path.suffix.lower()
@@ -124,11 +126,12 @@ def read_log(file: str | Path) -> tuple[Motion, Motion]:
 
 
 def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -> tuple[str | bytes, Motion]:
-    """Return what a file is to hold for a motion, and the motion that is read from it, which proofs should be about.
+    """Return the content of a file for `motion`, and the motion that a reader gets back from this content.
 
-    Tables, messages (JSON is one with `message`) and arrays hold way points, with velocities from degree 2 on, and
-    accelerations from degree 4 on. An InputError if the ending is another one, points cannot hold the motion, or its
-    joints have no names, which arrays do without.
+    If the file is executed, prove the second motion, not the first. Tables, arrays and ROS messages hold way points:
+    positions, velocities if the degree is 2 or more, accelerations if it is 4 or more. With `message`, a .json file is
+    a ROS message, too. Raises InputError if the extension is unknown, way points cannot represent the motion, or joint
+    names are missing (.npz does not need them).
     """
     ending = Path(file).suffix.lower()
     write = FORMS[ending].write if ending in FORMS else None
@@ -137,7 +140,8 @@ def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -
     if ending == ".json" and not message:
         return strict_json(marked("motion", motion.to_mapping())) + "\n", motion
     times = motion.times
-    if ending in (".json", ".yaml", ".yml") and motion.timed:  # whole nanoseconds
+    # ROS messages hold times in whole nanoseconds, so the times are rounded first.
+    if ending in (".json", ".yaml", ".yml") and motion.timed:
         times = np.array([_seconds(_stamp(t)) for t in times.tolist()])
     rows = [motion.derivative(motion.times, order) for order in range(1 + max(0, motion.degree) // 2)]
     values = [motion.joint_names, times if motion.timed else None, *rows[:3]]
@@ -187,7 +191,7 @@ def _stamp(time: float) -> dict[str, int]:
 
 
 def _from_points(points: Mapping[str, Any]) -> Motion:
-    """Return the motion through points, with velocities and accelerations where there are; a path without times."""
+    """Return the motion through way points; velocities and accelerations are optional. Without times it is a path."""
     names, positions = points.get("joint_names"), document.require(points, "positions")
     velocities, accelerations = (points.get(key) for key in _RATES)
     if points.get("times") is not None:
@@ -198,7 +202,7 @@ def _from_points(points: Mapping[str, Any]) -> Motion:
 
 
 def _without(motion: Motion, ignored: Sequence[str]) -> Motion:
-    """Return a motion without some of its joints; raise InputError for others."""
+    """Remove the ignored joints from a motion. Raise InputError if a name is not one of its joints."""
     if not ignored:
         return motion
     names = motion.joint_names or ()
@@ -285,7 +289,7 @@ def _refuse_names(names: Sequence[str] | None) -> None:
 
 def _read_yaml(path: Path) -> Any:
     with document.within(str(path), ": "):
-        # `ros2 topic echo` ends a message with a line of its own.
+        # `ros2 topic echo` ends each message with the line "---".
         text = files.file_text(path).rstrip().removesuffix("\n---")
         return files.parse_document(text)
 
@@ -300,7 +304,7 @@ def _from_document(
 
 
 def plain_message(value: Any) -> Any:
-    """Return a message of ROS, as rclpy or rosbags make it, as mappings, lists and numbers."""
+    """Convert a ROS message object (of rclpy or rosbags) to mappings, lists and numbers."""
     if is_dataclass(value):
         names = [item.name for item in fields(value) if item.name[0] != "_"]
     elif hasattr(value, "get_fields_and_field_types"):
@@ -313,7 +317,7 @@ def plain_message(value: Any) -> Any:
 
 
 def motion_of_document(content: Any) -> Motion:
-    """Return the motion that JSON, YAML or a message of ROS holds, or raise InputError; see `read_motion`."""
+    """Return the motion in parsed JSON, parsed YAML or a ROS message, or raise InputError; see `read_motion`."""
     content = content if isinstance(content, Mapping) else plain_message(content)
     if not isinstance(content, Mapping):
         raise InputError(f"{_EXPECTED}, got {document.described(content)}")
@@ -335,13 +339,13 @@ def motion_of_document(content: Any) -> Motion:
 
 
 def _from_display(content: Mapping[str, Any]) -> Motion:
-    """Return what a moveit_msgs/DisplayTrajectory shows: its trajectories, one after another."""
+    """Concatenate the trajectories of a moveit_msgs/DisplayTrajectory."""
     motion: Motion | None = None
     for k, part in enumerate(content["trajectory"]):
         with document.within(f"trajectory[{k}]", ": "):
             given = document.mapping("trajectory", part)
             parts = [given.get("joint_trajectory", {}), given.get("multi_dof_joint_trajectory", {})]
-            # MoveIt sends an empty trajectory where a step of a plan moves nothing.
+            # MoveIt sends an empty trajectory for a plan step without motion.
             if all(isinstance(one, Mapping) and not one.get("points") for one in parts):
                 continue
             found = motion_of_document(given)
@@ -363,7 +367,7 @@ def _check_start(motion: Motion, state: Mapping[str, Any]) -> None:
     values = document.numbers("joint_state.position", state.get("position") or (), len(names))
     there = dict(zip(map(str, names), values, strict=True))
     for name, begin in zip(motion.joint_names or (), motion.knots[0].tolist(), strict=True):
-        # Joints that turn without end may be given a turn apart.
+        # The values of a continuous joint may differ by multiples of 2π. The rule is applied to all joints.
         if name in there and abs(remainder(begin - there[name], 2 * pi)) > _START:
             raise InputError(
                 f"must be within {_START:g} of where the trajectory begins, got {there[name]:g} of joint {name!r}, "
@@ -373,7 +377,7 @@ def _check_start(motion: Motion, state: Mapping[str, Any]) -> None:
 
 
 def _from_own(content: Mapping[str, Any], kind: str) -> Motion:
-    """Return what is in a file of our own form."""
+    """Return the motion of a document in the format of safe-ompl."""
     if kind == "motion":
         return Motion.from_mapping(content)
     if kind == "trajectory":
@@ -386,7 +390,7 @@ def _from_own(content: Mapping[str, Any], kind: str) -> Motion:
 
 
 def _from_message(content: Mapping[str, Any]) -> Motion:
-    """Return what ROS's trajectory_msgs/JointTrajectory says, as plain data."""
+    """Return the motion of a trajectory_msgs/JointTrajectory that is given as mappings and lists."""
     names = tuple(document.sequence("joint_names", document.require(content, "joint_names")))
     times: list[float | None] = []
     rows: dict[str, list[Any]] = {key: [] for key in ("positions", *_RATES)}
@@ -410,7 +414,7 @@ def _from_message(content: Mapping[str, Any]) -> Motion:
 
 
 def _seconds(value: Any) -> float | None:
-    """Return a time [s] that is a number, or has the fields of ROS 2 or 1."""
+    """Return a time [s] from a number, or from a ROS 1 or ROS 2 duration; None stays None."""
     if isinstance(value, Mapping):
         seconds, rest = ("secs", "nsecs") if "secs" in value else ("sec", "nanosec")
         with document.within("time_from_start"):
@@ -431,6 +435,6 @@ FORMS: dict[str, Form] = {
     ".yaml": _YAML,
     ".yml": _YAML,
 }
-"""How motions are read and written, by the ending of the file."""
+"""The file formats of motions, by file extension."""
 WRITABLE = tuple(ending for ending, form in FORMS.items() if form.write is not None)
 _TABLES = (".csv", ".tsv", ".txt")

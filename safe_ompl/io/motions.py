@@ -1,4 +1,4 @@
-"""Tables of numbers, and motions in time with their robot, scene and speeds."""
+"""Read tables of numbers, and save and load timed motions with their robot, scene and speeds."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ _OF_JOINT = re.compile("_(position|velocity|acceleration)$")
 def read_table(
     file: str | Path, names: Sequence[str] | None = None, ignored: Sequence[str] = ()
 ) -> tuple[tuple[str, ...], FloatArray]:
-    """Return the names (m) of the columns of a table, and the numbers below them (N, m).
+    """Read a table: return the names (m) of its columns and the numbers (N, m).
 
-    Between columns are tabs, semicolons, commas or spaces: the first of these that the first line has. Lines that begin
-    with # are comments. The `names` of columns are needed where the first line has numbers. Columns are `ignored` by
-    their own name, or that of their joint.
+    Columns are separated by tabs, semicolons, commas or spaces; the first of these that occurs in the first line is
+    used. Lines that begin with # are comments. `names` names the columns of a table without a header line. `ignored`
+    lists columns to leave out, by column name or by joint name.
 
-    Raises InputError if it cannot be read; names the line.
+    Raises InputError, which names the line, if the table cannot be read.
     """
     try:
-        content = Path(file).read_text(encoding="utf-8-sig")  # as spreadsheets write it
+        content = Path(file).read_text(encoding="utf-8-sig")  # as spreadsheets write
         lines = [(k, line) for k, line in enumerate(content.splitlines(), start=1) if line.strip()]
         lines = [(k, line) for k, line in lines if not line.lstrip().startswith("#")]
         delimiter = next((mark for mark in "\t;," if lines and mark in lines[0][1]), None)
@@ -59,7 +59,7 @@ def read_table(
 
 
 def kept_columns(names: Sequence[str], ignored: Sequence[str]) -> list[int]:
-    """Return which columns are not ignored, by their own name or by that of their joint."""
+    """Return the indices of the columns that are not ignored. A column is ignored by its name or its joint's name."""
     both = [{name, _OF_JOINT.sub("", name)} for name in names]
     for name in ignored:
         if not any(name in known for known in both):
@@ -91,34 +91,34 @@ def _numbers(row: Sequence[str], count: int, kept: Sequence[int], place: str) ->
 
 
 ACCELERATION = "joint acceleration"
-"""What bounds the speed where no cap is reached."""
+"""The limit that bounds the speed wherever no velocity limit is reached."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionRecord:
-    """A motion in time of a robot among obstacles as it is saved and shown: how fast it is, and what bounds that.
+    """A timed motion as it is saved and shown, with its robot, scene, speeds and speed limits.
 
     Parameters
     ----------
     problem : CarriedProblem
-        Who moves, among what, and what is dangerous there.
+        Robot, scene and options of the danger field.
     motion : Motion
-        In time, from 0 on, by its T knots.
+        A timed motion with T knots that begins at time 0.
     speeds : array_like, shape (T,)
         The speed ṡ along the path at the knots [rad/s].
     bounds : mapping of str to array_like, shape (T,)
-        By the name of a cap: the largest ṡ that it allows there [rad/s]; +inf where it allows any.
+        For each velocity limit, by name, the largest ṡ that it allows at the knots [rad/s]; +inf if it allows any ṡ.
     binding : sequence of str or None
-        T names: the cap that the speed reaches; None where accelerations bind.
+        T names: the active velocity limit at each knot; None where an acceleration limit is active.
     name : str
-        Who planned it.
+        The name of the planner.
     remarks : sequence of str
-        T lines, what there is to say of each knot; by default how fast it is, and what bounds that.
+        T texts that are shown with the knots. By default they give the speed and the active limit.
 
     Raises
     ------
     InputError
-        If they do not fit.
+        If the lengths differ, or the motion is not timed from 0 on.
     """
 
     problem: CarriedProblem
@@ -142,7 +142,7 @@ class MotionRecord:
 
     @classmethod
     def of(cls, trajectory: Trajectory, problem: CarriedProblem, *, rate: float = RATE, name: str = "") -> MotionRecord:
-        """Return the points of a trajectory, a rate [Hz] at least, with straight lines between them."""
+        """Sample a trajectory with at least `rate` [Hz] points per second; the joints are linear in between."""
         times, states = trajectory.points(rate)
         cells, _, speeds, _ = trajectory.law.at(times * (trajectory.duration / times[-1]))
         binding = trajectory.binding()
@@ -156,18 +156,18 @@ class MotionRecord:
         )
 
     def knot(self, time: float) -> int:
-        """Return the number of the knot at a time [s], or before it."""
+        """Return the index of the last knot at or before a time [s]."""
         times = self.motion.times
         return int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 1))
 
     def remark(self, time: float) -> str:
-        """Return what there is to say of it at a time [s]."""
+        """Return the time, and the remark of the last knot at or before this time [s]."""
         k = self.knot(time)
         said = f"{self.speeds[k]:.2f} rad/s, bounded by {self.binding[k] or ACCELERATION}"
         return f"{min(time, self.motion.duration):.2f} s: {self.remarks[k] if self.remarks else said}"
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return what a file holds besides the points of the trajectory; `from_mapping` reads both."""
+        """Return the content of a file except the points of the trajectory. `from_mapping` reads both."""
         return {
             "planner": self.name,
             "speeds": self.speeds.tolist(),
@@ -180,7 +180,7 @@ class MotionRecord:
     def from_mapping(
         cls, data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[PackageDir] = ()
     ) -> MotionRecord:
-        """Read the file of a trajectory, as `safe-ompl plan --trajectory` writes it; see `load`."""
+        """Read the document that `safe-ompl plan --trajectory` writes; see `load`."""
         problem = CarriedProblem.from_mapping(document.require(data, "problem"), robot, package_dirs)
         points = document.sequence("points", document.require(data, "points"))
         times, configurations = _points(points, problem.robot.n)
@@ -203,7 +203,7 @@ def _name_or_none(key: str, value: Any) -> str | None:
 
 
 def _points(points: Sequence[Any], n: int) -> tuple[FloatArray, FloatArray]:
-    """Return instants (T,) and configurations (T, n) of the points of a trajectory."""
+    """Return the times (T,) [s] and configurations (T, n) of the points of a trajectory."""
     times, configurations = [], []
     for k, point in enumerate(points):
         with document.within(f"points[{k}]"):
