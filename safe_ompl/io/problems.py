@@ -1,9 +1,9 @@
-"""Robots, scenes and both together as plain data that travels: with hashes, and recipes that build robots.
+"""Write robots and scenes into documents, with hashes, and build them from these documents again.
 
-A recipe has the keys of a robot in a scenario file. Files of example-robot-data are named, other texts and the meshes
-of attached objects travel whole. The meshes of a URDF travel with results, compressed; certificates leave them out.
-Then they are looked for in folders that the user names, never where the recipe says; the hash of the robot covers them,
-so that no other one passes for it.
+The recipe of a robot has the keys of a robot in a scenario file. The recipe names files of example-robot-data, and
+contains all other URDF and SRDF texts and the meshes of attached objects. Results also contain the meshes of a URDF,
+compressed. Certificates do not contain these meshes: a reader looks for the meshes in folders that the user names,
+never in a folder that the recipe names. The hash of the robot covers the meshes, so another mesh is detected.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from safe_ompl.scene import Scene
 _log = logging.getLogger(__name__)
 
 SMALL = 8_000_000
-"""Characters of compressed meshes that travel without being asked for."""
-# The package of the meshes in a URDF that travels.
+"""By default meshes are included in a document if they have at most this many characters after compression."""
+# The package name that a URDF in a document uses for its meshes.
 _PACKAGE = "carried"
 _FILES = ("urdf", "srdf")
-# Without accelerations: certificates of timed motions claim limits themselves
+# Acceleration limits are left out, because certificates of timed motions state their own limits.
 _OPTIONS = ("tip", "locked", "free", "name", "limits", "joint_limits", "collision", "group", "base", "mobile_base")
-# A URDF or an SRDF has no more characters.
+# The largest number of characters of a URDF or an SRDF in a document.
 _MOST_CHARACTERS = 20_000_000
-_DEEPEST = 100  # tags in tags
+_DEEPEST = 100  # nested tags
 _DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
 
 
@@ -44,9 +44,9 @@ _DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
 
 
 def carried_robot(robot: Robot) -> dict[str, Any]:
-    """Return the robot as plain data: its hash, what its links lack, and what builds it.
+    """Return a robot as plain data: name, hash, links without collision shapes, and recipe.
 
-    The recipe is None where it is not plain data: then a verification needs the robot.
+    The recipe is None if the robot is not built from plain data. A verification then needs the robot itself.
     """
     try:
         found = recipe(robot.spec)
@@ -61,7 +61,7 @@ def carried_robot(robot: Robot) -> dict[str, Any]:
 
 
 def recipe(spec: RobotSpec) -> dict[str, Any]:
-    """Return what a robot is built from, or raise NotPlainError if a part is made of Pinocchio's models."""
+    """Return the recipe of a robot, or raise NotPlainError if the robot or a part is built from Pinocchio models."""
     spec = spec.resolved()
     if spec.models is not None:
         raise schema.NotPlainError("models of Pinocchio's are not plain data")
@@ -99,10 +99,11 @@ def _carried_text(path: Path | None) -> Any:
 
 
 def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
-    """Return a robot as `carried_robot` does, with the meshes of its URDFs, once each by the hash of their content.
+    """Return a robot as `carried_robot` does, with the meshes of its URDFs. Equal meshes are stored once, by hash.
 
-    By default `meshes` that collide, and those that are drawn, are carried if they take no more than `SMALL`
-    characters; a warning says if those that collide do not.
+    With `meshes` True all meshes are stored, with False none. By default collision meshes are stored if they have at
+    most `SMALL` characters, then visual meshes if both together do. A warning is logged if collision meshes are left
+    out because of their size.
     """
     carried = carried_robot(robot)
     if meshes is False or carried["recipe"] is None:
@@ -135,7 +136,7 @@ def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
 
 
 def _sources(spec: RobotSpec, recipe: Mapping[str, Any]) -> Iterator[tuple[UrdfFile, dict[str, str]]]:
-    """Yield every URDF of a robot with the place of its text in the recipe."""
+    """Yield every URDF of a robot, with the mapping in the recipe that holds its text."""
     for prefix, part in recipe.get("robots", {}).items():
         yield from _sources(spec.robots[prefix].resolved(), part)
     if not spec.robots:
@@ -146,7 +147,7 @@ def _sources(spec: RobotSpec, recipe: Mapping[str, Any]) -> Iterator[tuple[UrdfF
 
 
 def _xml(key: str, value: Any) -> str:
-    """Read the text of a URDF or SRDF; what would grow when it is parsed is refused."""
+    """Read the text of a URDF or SRDF. Refuse entity declarations, deep nesting and long texts (XML bombs)."""
     content = document.text(key, value)
     if len(content) > _MOST_CHARACTERS:
         raise InputError(f"has {len(content)} characters, {_MOST_CHARACTERS} is the limit", key)
@@ -166,7 +167,7 @@ def _xml(key: str, value: Any) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class _File(Section):
-    """A URDF or SRDF: its text, or its name in example-robot-data."""
+    """A URDF or SRDF in a document: its text, or its path in example-robot-data."""
 
     example_robot_data: str | None = key(document.line, default=None)
     name: str | None = key(document.line, default=None)
@@ -179,7 +180,7 @@ class _File(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class RobotDocument(Section):
-    """A robot as it travels; see `carried_robot` and `packed_robot`."""
+    """A robot in a document; see `carried_robot` and `packed_robot`."""
 
     name: str = key(document.line)
     hash: str = key(document.sha)
@@ -189,10 +190,10 @@ class RobotDocument(Section):
 
 
 def built_robot(carried: Any, *, package_dirs: Sequence[PackageDir] = ()) -> Robot:
-    """Return the robot that a document carries the recipe of; whether it is that of the hash the verification says.
+    """Build a robot from the recipe in a document. The hash is not compared here, but by the verification.
 
-    Meshes are looked for in `package_dirs`, among those that travel, and in example-robot-data, nowhere else. An
-    InputError if it cannot be built.
+    Meshes are only looked for in `package_dirs`, in the document, and in example-robot-data. Raises InputError if the
+    robot cannot be built.
     """
     carried = document.section("carried", carried, RobotDocument)
     if carried.recipe is None:
@@ -211,7 +212,7 @@ def built_robot(carried: Any, *, package_dirs: Sequence[PackageDir] = ()) -> Rob
             spec = _spec("recipe", carried.recipe, numbers, folders)
             robot = _built(spec, carried.name, folder, given=bool(package_dirs))
             if carried.meshes:
-                robot.visual_model  # noqa: B018  # read now: the folder goes
+                robot.visual_model  # noqa: B018  # temporary folder
             return robot
         except (*files.MALFORMED, OSError) as error:
             if isinstance(error, InputError):
@@ -221,7 +222,7 @@ def built_robot(carried: Any, *, package_dirs: Sequence[PackageDir] = ()) -> Rob
 
 
 def _built(spec: RobotSpec, name: str, folder: str, *, given: bool) -> Robot:
-    """Build a robot; if that fails say what may be missing, unless it was given."""
+    """Build a robot. If building fails and no package folder was `given`, the error says that meshes may be missing."""
     try:
         robot = Robot(replace(spec, attached=()))
         for item in spec.attached:
@@ -237,7 +238,7 @@ def _built(spec: RobotSpec, name: str, folder: str, *, given: bool) -> Robot:
 
 
 def _spec(key: str, recipe: Any, folders: Iterator[Path], package_dirs: Sequence[PackageDir]) -> RobotSpec:
-    """Return what a recipe says of a robot; the files that it carries go to new folders."""
+    """Read the specification of a robot from a recipe, and write the files in the recipe to new folders."""
     given = document.mapping(key, recipe, (*_OPTIONS, *_FILES, "attached", "files", "robots"))
     folder = next(folders)
     folder.mkdir()
@@ -259,7 +260,7 @@ def _spec(key: str, recipe: Any, folders: Iterator[Path], package_dirs: Sequence
 
 
 def _written(file: _File, path: Path) -> Path:
-    """Return where a URDF or SRDF can be read: in example-robot-data, or written to a path."""
+    """Return the path of a URDF or SRDF: its file in example-robot-data, or `path` after writing the text there."""
     if file.text is not None:
         path.write_text(file.text, encoding="utf-8")
         return path
@@ -274,7 +275,7 @@ def _written(file: _File, path: Path) -> Path:
 
 @dataclass(frozen=True, kw_only=True)
 class SceneDocument(Section):
-    """A scene as it travels: `hash` of what it holds, its document, its files by name."""
+    """A scene in a document: the `hash` of its content, the content of a scene document, and its files by name."""
 
     hash: str = key(document.sha)
     content: Mapping[str, Any] = key(document.plain)
@@ -287,7 +288,7 @@ class SceneDocument(Section):
 
 
 def carried_scene(scene: Scene) -> dict[str, Any]:
-    """Return the scene as plain data; an InputError if a file of it is gone, or has changed since it was read."""
+    """Return a scene as plain data. Raise InputError if one of its files is gone or has changed since it was read."""
     content = scene.to_mapping()
     files = schema.carried_objects(content.get("obstacles", []))
     carried = {"hash": scene.content_hash(), "content": content, "files": files}
@@ -302,7 +303,7 @@ def carried_scene(scene: Scene) -> dict[str, Any]:
 
 
 def built_scene(carried: Any) -> Scene:
-    """Return the scene that a document carries; an InputError if it is none, a CertificateError if its hash differs."""
+    """Build a scene from a document. Raise InputError if the document is invalid, CertificateError if hashes differ."""
     carried = document.section("carried", carried, SceneDocument)
     with TemporaryDirectory(prefix="safe-ompl-") as folder:
         schema.unpack(carried.files, Path(folder))
@@ -325,7 +326,7 @@ class CarriedProblem(NamedTuple):
     danger: Mapping[str, Any] | None
 
     def to_mapping(self, meshes: bool | None = None) -> dict[str, Any]:
-        """Return it as plain data, which `from_mapping` reads; `meshes` as in `packed_robot`."""
+        """Return the problem as plain data, which `from_mapping` reads; `meshes` as in `packed_robot`."""
         return {
             "robot": packed_robot(self.robot, meshes),
             "scene": carried_scene(self.scene),
@@ -336,7 +337,7 @@ class CarriedProblem(NamedTuple):
     def from_mapping(
         cls, data: object, robot: Robot | None = None, package_dirs: Sequence[PackageDir] = ()
     ) -> CarriedProblem:
-        """Read it from a document; `robot` is used where it is given, and else built. Errors as of `load`."""
+        """Read a problem from a document. Without `robot` the robot is built from its recipe. Errors as of `load`."""
         with document.within("problem"):
             carried = document.mapping("carried", data)
             if robot is None:

@@ -1,4 +1,4 @@
-"""What documents of ours have in common: marks, a digest, plain data, and files that travel inside, in base 64."""
+"""Common parts of the documents of safe-ompl: format keys, digests, plain data, and files embedded in base 64."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ from safe_ompl.robot import PackageDir, PackageFolders, parsed, robots_folder
 
 FORMAT, VERSION = "safe-ompl certificate", 5
 _OLD_FORMAT = "safe-ompl program certificate"
-# The form of all files but certificates and ticks.
+# The format of all files except certificates and ticks.
 OWN_FORMAT, OWN_VERSION = "safe-ompl", 2
 KINDS = ("result", "path", "scene", "trajectory", "motion")
-# It stands before the names of obstacles, so that none can pass for a link.
+# This prefix of obstacle names prevents an obstacle from having the name of a link.
 OBSTACLE = "obstacle:"
 _FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
-# All files that travel in one document have no more characters.
+# The largest number of characters of all files in one document together.
 _MOST_CHARACTERS = 270_000_000
-# Unpacked they have no more bytes.
+# The largest number of bytes of all files in one document together, after decompression.
 _MOST_BYTES = 500_000_000
 
 
 class NotPlainError(InputError):
-    """A value that JSON cannot hold, or a robot that is not built from files."""
+    """Raised for a value that JSON cannot represent, or a robot that is not built from files."""
 
 
 def digest(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of all of a certificate but its digest."""
+    """Return the SHA-256 of a certificate without its key `digest`."""
     rest = {key: value for key, value in content.items() if key != "digest"}
     return sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
 def as_plain(value: Any) -> Any:
-    """Return a value as JSON has it, with lists and Python's numbers, or raise NotPlainError."""
+    """Convert a value to JSON types: arrays to lists, NumPy numbers to Python's. Raise NotPlainError for others."""
     if isinstance(value, Mapping):
         return {str(part): as_plain(item) for part, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -57,7 +57,7 @@ def as_plain(value: Any) -> Any:
 
 
 def check_form(content: Any, form: str = FORMAT, version: int = VERSION) -> None:
-    """Raise InputError unless `content` says that it has a form, by default that of certificates, of a version."""
+    """Raise InputError unless `content` has this format and version; by default those of certificates."""
     found = content.get("format") if isinstance(content, Mapping) else None
     if found != form:
         older = "; it is of an earlier version: issue the certificate anew" if found == _OLD_FORMAT else ""
@@ -69,12 +69,12 @@ def check_form(content: Any, form: str = FORMAT, version: int = VERSION) -> None
 
 
 def marked(kind: str, content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return content with the marks of the form before it."""
+    """Return `content` with the keys format, version and kind in front."""
     return {"format": OWN_FORMAT, "version": OWN_VERSION, "kind": kind, **content}
 
 
 def kind_of(content: Any) -> str:
-    """Return what kind of thing content of the form holds; raise InputError if it has another form or version."""
+    """Return the kind of a document, one of `KINDS`. Raise InputError if it has another format or version."""
     check_form(content, OWN_FORMAT, OWN_VERSION)
     kind = document.text("kind", document.require(content, "kind"))
     if kind not in KINDS:
@@ -83,7 +83,7 @@ def kind_of(content: Any) -> str:
 
 
 def strict_json(data: Any) -> str:
-    """Return data as one line of strict JSON: what is not finite becomes null."""
+    """Return data as one line of strict JSON. NaN and infinities become null."""
     return json.dumps(_without_nan(data), allow_nan=False)
 
 
@@ -101,7 +101,7 @@ def _without_nan(data: Any) -> Any:
 
 
 def packed(path: Path) -> str:
-    """Return the content of a file as it travels, or raise InputError."""
+    """Return the content of a file, compressed by zlib and encoded in base 64. Raise InputError if reading fails."""
     try:
         return b64encode(zlib.compress(path.read_bytes())).decode("ascii")
     except OSError as error:
@@ -109,7 +109,7 @@ def packed(path: Path) -> str:
 
 
 def carried_files(key: str, value: Any) -> dict[str, str]:
-    """Read files by name; no name leads out of a folder."""
+    """Read a mapping of file names to packed files. Raise InputError for names with folders, or too much data."""
     given = document.mapping(key, value)
     with document.within(key):
         for name in given:
@@ -123,7 +123,10 @@ def carried_files(key: str, value: Any) -> dict[str, str]:
 
 
 def carried_objects(items: list[dict[str, Any]]) -> dict[str, str]:
-    """Return the files that obstacles or attached objects name, as they travel, and have the items name these."""
+    """Return the packed files that obstacles or attached objects name, and replace the names in `items` by their keys.
+
+    `items` is modified in place.
+    """
     files: dict[str, str] = {}
     for item in items:
         for part, value in item.items():
@@ -136,7 +139,7 @@ def carried_objects(items: list[dict[str, Any]]) -> dict[str, str]:
 
 
 def check_carried(key: str, items: Any, files: Mapping[str, str]) -> None:
-    """Raise InputError unless this is a list of objects, and none names a file that does not travel with it."""
+    """Raise InputError unless `items` is a list of objects, and `files` contains every file that the objects name."""
     for k, item in enumerate(document.sequence(key, items)):
         for part, value in document.mapping(f"{key}[{k}]", item).items():
             if isinstance(value, dict) and "file" in value and value["file"] not in files:
@@ -144,7 +147,10 @@ def check_carried(key: str, items: Any, files: Mapping[str, str]) -> None:
 
 
 def unpack(files: Mapping[str, str], folder: Path) -> None:
-    """Write files into a folder; names that lead out of it are none, see `carried_files`."""
+    """Decompress files into a folder. `carried_files` has refused names that lead out of the folder.
+
+    Raises InputError if a file is damaged, or all files together are larger than `_MOST_BYTES`.
+    """
     room = _MOST_BYTES
     for name, data in files.items():
         try:
@@ -155,7 +161,7 @@ def unpack(files: Mapping[str, str], folder: Path) -> None:
         room -= len(content)
         if room < 0 or not unpacking.eof:
             raise InputError(f"is cut, or all files are larger than {_MOST_BYTES} bytes", name)
-        # Meshes are written without the names of other files, which would be read.
+        # References of .obj meshes to material files are removed, because the mesh loader would read these files.
         if name.lower().endswith(".obj"):
             content = re.sub(rb"(?im)^[ \t]*mtllib.*$", b"", re.sub(rb"\\[ \t]*\r?\n", b" ", content))
         (folder / name).write_bytes(content)
@@ -165,7 +171,7 @@ def unpack(files: Mapping[str, str], folder: Path) -> None:
 
 
 def place_meshes(urdf: Path, given: Sequence[PackageDir]) -> None:
-    """Let a carried URDF name its meshes where they are: in folders that are given, or in example-robot-data."""
+    """Replace the mesh names in a URDF by the paths of files in the given folders or in example-robot-data."""
     try:
         root = parsed(urdf)
     except ElementTree.ParseError:
@@ -175,7 +181,7 @@ def place_meshes(urdf: Path, given: Sequence[PackageDir]) -> None:
     for mesh in meshes:
         name = mesh.get("filename", "")
         place = next((place for place in _mesh_places(name, given) if place.is_file()), None)
-        # Inside the folder of the URDF, which has no other file.
+        # The name of a mesh that was not found points into the folder of the URDF, which has no meshes.
         inside = "/".join(_steps(name) or (PurePosixPath(name).name,))
         mesh.set("filename", inside if place is None else str(place.resolve()))
     if meshes:
@@ -183,7 +189,7 @@ def place_meshes(urdf: Path, given: Sequence[PackageDir]) -> None:
 
 
 def _mesh_places(name: str, given: Sequence[PackageDir]) -> Iterator[Path]:
-    """Yield where a mesh may be, all of it in folders that are given, or in example-robot-data."""
+    """Yield possible paths of a mesh, all of them inside the given folders or example-robot-data."""
     steps, examples = _steps(name), examples_folder()
     if steps is None:
         return
@@ -198,14 +204,14 @@ def _mesh_places(name: str, given: Sequence[PackageDir]) -> Iterator[Path]:
 
 
 def _steps(name: str) -> tuple[str, ...] | None:
-    """Return the folders and the file that a name of a mesh goes through; None where it goes back up."""
+    """Split the name of a mesh into folders and file. Return None if the name is empty or contains `..`."""
     steps = PurePosixPath(re.sub(r"^[a-z]+://", "", name)).parts
     steps = tuple(step for step in steps if step != "/")
     return None if not steps or ".." in steps or "\0" in name else steps
 
 
 def examples_folder() -> Path | None:
-    """Return the folder of the robots of example-robot-data, or None where that is not installed."""
+    """Return the folder of the robots of example-robot-data, or None if example-robot-data is not installed."""
     try:
         return robots_folder()
     except InputError:

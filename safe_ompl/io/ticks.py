@@ -1,4 +1,4 @@
-"""Ticks of a simulation beside people, as a file of JSON lines.
+"""Write and read the ticks of a simulation with people, as a file of JSON lines.
 
 The first line is a header:
 
@@ -7,10 +7,10 @@ The first line is a header:
      "objects": {"cube": 0.5}, "rules": {"clearance": 0.0, "contact": false, "assumed": "..."},
      "made_by": {"safe-ompl": "0.1.0", ...}}
 
-``robot`` and ``scene`` are as in saved results (`safe_ompl.io.problems`); the scene holds what stands still, and moving
-objects where they are at first, but no tracked people; ``objects`` are bounds of speeds [m/s]. In a time t a limb goes
-no farther than its speed · t, of ``speeds`` [m/s]; ``noise`` bounds the errors of measurements [m]. Every other line is
-a tick:
+``robot`` and ``scene`` are as in saved results (`safe_ompl.io.problems`). The scene holds the static obstacles, and the
+moving objects at their first positions, but no tracked people. ``objects`` are speed limits of moving objects [m/s].
+``speeds`` are speed limits of limbs [m/s]: in a time t a limb moves at most speed · t. ``noise`` bounds the measurement
+error [m]. Every other line is a tick:
 
     {"time": 1.25, "q": [...], "qd": [...], "stop": {"times": [1.25, 1.3, ...], "q": [[...], ...], "qd": [[...], ...]},
      "people": {"operator": {"head": [x, y, z], "left_shoulder": [...], ...}},
@@ -20,21 +20,25 @@ a tick:
      "reason": "...", "rule": "contact", "obeyed": true, "path": 3, "task": 2, "reaction": 0.004, "measured": 1.25,
      "ahead": [[q...], ...]}
 
-Lengths are metres, times seconds. A tick describes the instant ``time``. People and objects are where they truly are
-then, in the world; the key points are those of `safe_ompl.geometry.person` (18 with the pelvis): ``Person(height,
-keypoints)`` at the world's origin draws them. ``q``, ``qd``, ``state``, ``margin``, ``reason``, ``rule``, ``measured``
-and ``path`` belong to the command that the robot follows at that instant; ``stop`` is the rest of that command, until
-the robot stands, which is what is proven. The command that answers the measurement of ``time`` holds a latency later,
-so the next tick shows it. ``margin`` is the smallest margin along the proven motion (null: nobody is there);
-``distance`` is the distance between ``link`` and ``limb`` of ``who``, the nearest ones (null: not observed).
-``reason`` says why the robot is not as fast as it could be, and ``rule`` which rule about people keeps it from that:
-separation, contact, clamping, or null; ``measured`` is the time of the measurement against which its motion is proven.
-``path`` counts the paths that were followed, ``task`` how often the goal was reached; ``joints_measured`` is when ``q``
-and ``qd`` were measured, if not at ``time``. ``ahead``, in the first tick of
-a path, are the way points of that path. ``obeyed`` says whether everybody kept to the reach model until the next tick;
-``reaction`` is how long the answer to this measurement took (null: too long). Ticks of a `Shield` have no truth but
-what was seen last, no ``obeyed`` and no ``reaction``; ``follows`` and ``delay`` are those of a `ShieldCommand`.
-If a controller executes a program, ``step`` is the number of its step, from 1, and ``holds`` names attached objects.
+Lengths are in metres, times in seconds. A tick describes the instant ``time``.
+
+``people`` and ``objects`` are the true positions at this instant in the world frame. The key points are those of
+`safe_ompl.geometry.person` (18 with the pelvis); ``Person(height, keypoints)`` at the world's origin draws them.
+
+``q``, ``qd``, ``state``, ``margin``, ``reason``, ``rule``, ``measured`` and ``path`` belong to the command that the
+robot follows at this instant. ``stop`` is the rest of this command until the robot stands still; the rest is proven.
+The command computed from the measurement at ``time`` takes effect one latency later, so the next tick shows it.
+``margin`` is the smallest margin along the proven motion (null: no person is present). ``distance`` is the distance
+between ``link`` and ``limb`` of ``who``, the nearest pair (null: not observed). ``reason`` says why the robot is slower
+than possible, and ``rule`` is the rule about people that limits the speed: separation, contact, clamping, or null.
+``measured`` is the time of the measurement that the proof of the motion uses. ``path`` counts the paths followed, and
+``task`` counts how often the goal was reached. ``joints_measured`` is the time at which ``q`` and ``qd`` were measured,
+if it differs from ``time``. ``ahead``, in the first tick of a path, holds the way points of the path.
+
+``obeyed`` says whether all people kept to the reach model until the next tick. ``reaction`` is the time that the
+computation of the command took (null: too long). In ticks of a `Shield`, people and objects are the last measured ones,
+and ``obeyed`` and ``reaction`` are missing; ``follows`` and ``delay`` are those of a `ShieldCommand`. If a controller
+executes a program, ``step`` is the number of the step, from 1, and ``holds`` names the attached objects.
 """
 
 from __future__ import annotations
@@ -56,7 +60,7 @@ _MAKERS = ("safe-ompl", "numpy", "pin", "coal")
 
 
 def ticks_header(tick: float, robot: Robot, scene: Scene, moving: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the first line of a file: the length of a tick [s], robot, what stands still, and who and what moves."""
+    """Return the header of a file: tick length [s], robot, static scene, and in `moving` the people and objects."""
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -70,24 +74,24 @@ def ticks_header(tick: float, robot: Robot, scene: Scene, moving: Mapping[str, A
 
 
 class TickLog(Protocol):
-    """What takes ticks one by one, as they come."""
+    """Interface of a log that ticks are written to, one by one."""
 
     def write(self, tick: Mapping[str, Any]) -> None:
-        """Take a tick."""
+        """Write a tick."""
 
     def close(self) -> None:
-        """Take no more, and finish what was written."""
+        """Finish the log."""
 
 
 class TicksFile:
-    """A file of ticks that begins with a header."""
+    """A log that writes a header and ticks to a file of JSON lines."""
 
     def __init__(self, file: Path, header: Mapping[str, Any]) -> None:
         self._stream = file.open("w", encoding="utf-8")
         self.write(header)
 
     def write(self, tick: Mapping[str, Any]) -> None:
-        """Write a line."""
+        """Write a tick as one line of JSON."""
         print(strict_json(tick), file=self._stream)
 
     def close(self) -> None:
@@ -96,7 +100,7 @@ class TicksFile:
 
 
 def read_ticks(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the header and the ticks of a file; an InputError if it is no such file."""
+    """Read the header and the ticks of a file. Raise InputError if a line is not a JSON object."""
     lines = []
     with document.within(str(file), ": "):
         for number, line in enumerate(files.file_text(Path(file)).splitlines(), 1):
@@ -109,6 +113,6 @@ def read_ticks(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 
 def check_header(header: Mapping[str, Any], file: str | Path) -> None:
-    """Raise InputError, which names the file, unless this is the header of ticks of this version."""
+    """Raise InputError, which names the file, unless the header has the format and version of ticks."""
     with document.within(f"{file}: header"):
         schema.check_form(header, FORMAT, VERSION)

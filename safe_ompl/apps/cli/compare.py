@@ -1,4 +1,4 @@
-"""`safe-ompl compare`: several planners on one scenario; `mbm`: a file of problems."""
+"""Commands `compare` (benchmark planners on one scenario) and `mbm` (solve the problems of a MotionBenchMaker file)."""
 
 from __future__ import annotations
 
@@ -71,10 +71,12 @@ def add_commands(commands: Any) -> None:
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
-    """Check what the options name, and return the job."""
+    """Validate the options of `compare` and return a function that runs the command."""
     scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=True)
     planners = options.planners or default_planners(scenario)[1:]
-    # Today's practice stands first, and without simplification what is left of it: its planner.
+    # The baseline is the first row. Without simplification the baseline is only its planner, OMPL's RRTConnect, and
+    # ALL_WAYS is left out, because it always simplifies. If the user names the baseline twice, the list stays as it
+    # is, and Campaign refuses the duplicate.
     first = PRACTICE if options.simplify else planner_of(PRACTICE)
     without = {ALL_WAYS} if first != PRACTICE else set()
     if list(planners).count(first) < 2:
@@ -88,7 +90,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 
 
 def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -> int:
-    """Run the campaign, show the table, write the report, draw the pictures."""
+    """Run all planners with all seeds, then print the table, write report.json and draw the pictures."""
     name, robot = campaign.scenario.name, setup.robot
     with output.progress_bar(output.error_console()) as progress:
         runs = campaign.results(setup, workers)
@@ -98,7 +100,8 @@ def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -
     summaries = summarize(results)
     planned = summarize([as_planned(setup, result) for result in results])
     groups = {"as planned": planned, "simplified": summaries} if campaign.simplify else {"as planned": planned}
-    # Ctrl-C may come before there is a run.
+    # `large` holds the two summaries that are drawn in large: the baseline and the safest. The list is empty if the
+    # user pressed Ctrl-C before the first run ended.
     large = [summaries[0], safest(summaries)] if summaries else []
     words = in_words(large[0], large[-1], list(groups)[-1]) if large else ""
     report = {
@@ -126,7 +129,7 @@ def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -
         with console.status("drawing"):
             plots.plot_profiles({summary.planner: summary.profiles for summary in shown}, folder / "profiles.png")
             if typical:
-                # A picture is of paths: the time, which is said last, is left out.
+                # The caption of the picture leaves out the last part of the text, which is the planning time.
                 gain = words.rpartition(", ")[0] if all(summary.solved for summary in large) else words
                 render_comparison(setup.robot, setup.scene, typical, folder / "paths.png", words=gain)
     console.print(f"report{'' if advice else ' and pictures'} in {folder}")
@@ -135,30 +138,34 @@ def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -
 
 
 _BEST = "*"
-# Less of a difference, as a share of the value, is not called one, however small the spread.
+# A relative difference below this counts as no difference, even if the runs hardly spread.
 _VISIBLE = 0.01
 
 
 class _Column(NamedTuple):
-    """One quantity of a comparison: how it is headed, which median it is, and which ones are good."""
+    """A column of the comparison table: heading, metric whose median is shown, and whether larger values are better."""
 
     quantity: str
     heading: str
-    metric: str  # Of `Summary.metrics`
+    # A key of `Summary.metrics`.
+    metric: str
     scale: float = 1.0
     more_is_better: bool = False
 
     def value(self, summary: Summary) -> float:
-        """Return the median."""
+        """Return the median of the metric over the solved runs, in the unit of the column."""
         return self.scale * summary.percentile(self.metric)
 
     def beats(self, one: Summary, other: Summary) -> bool:
-        """Return whether the median of `one` is better than that of `other` by more than either spreads over seeds."""
+        """Return whether the median of `one` is better than the median of `other` by more than the larger spread."""
         spread = max(one.spread(self.metric), other.spread(self.metric))
         return self._ahead(one, other) > max(self.scale * spread, _VISIBLE * self.value(one))
 
     def is_best(self, summary: Summary, summaries: Sequence[Summary]) -> bool:
-        """Return whether a summary beats another one, and the best one is ahead by no more than it spreads itself."""
+        """Return whether a summary is marked as best.
+
+        It must beat at least one other summary, and its median must lie within the spread of the best summary.
+        """
         best = max(summaries, key=lambda other: self._ahead(other, summary) if other.solved else -math.inf)
         near = self._ahead(best, summary) <= max(self.scale * best.spread(self.metric), _VISIBLE * self.value(best))
         return near and any(self.beats(summary, other) for other in summaries)
@@ -167,7 +174,10 @@ class _Column(NamedTuple):
         return (self.value(one) - self.value(other)) * (1 if self.more_is_better else -1)
 
     def cells(self, summaries: Sequence[Summary], mark_best: bool) -> list[Text]:
-        """Return a cell for each summary, with a mark or a space at its end; the largest has three digits at least."""
+        """Return one table cell per summary. Each cell ends in the mark for the best or in a space.
+
+        All values get as many decimals, at most two, as the largest value needs for three significant digits.
+        """
         values = [self.value(summary) for summary in summaries]
         most = max((value for value in values if math.isfinite(value)), default=0.0)
         digits = 0 if most >= 100 else 1 if most >= 10 else 2
@@ -188,16 +198,16 @@ _COLUMNS = (_TIME, _MEAN, _PEAK, _CLEARANCE, _LENGTH)
 
 
 def safest(summaries: Sequence[Summary]) -> Summary:
-    """Return the first of ours that no other one of ours beats in both mean and peak danger.
+    """Return the first summary, except the baseline, that no other summary beats in both mean and peak danger.
 
-    The first of all is today's practice.
+    `summaries[0]` is the baseline.
     """
     ours = [summary for summary in summaries[1:] if summary.solved] or summaries[-1:]
     return next(one for one in ours if not any(_MEAN.beats(by, one) and _PEAK.beats(by, one) for by in ours))
 
 
 def in_words(practice: Summary, ours: Summary, kind: str) -> str:
-    """Say how a row of ours differs from today's practice; `kind` is what its paths are, as planned or simplified."""
+    """Return a sentence that compares a planner with the baseline; `kind` is "as planned" or "simplified"."""
     for summary, who in ((practice, "today's practice"), (ours, ours.planner)):
         if not summary.solved:
             return f"{who}: no path in {summary.runs} runs"
@@ -221,16 +231,17 @@ def in_words(practice: Summary, ours: Summary, kind: str) -> str:
 
 
 def _difference(value: float, unit: str, more: str) -> str:
-    """Return a difference as a whole number of a unit, more or less, and what comes after; empty where it is 0."""
+    """Format a difference as "12 mm more" or "12 mm less", followed by `more`. Return "" if it rounds to 0."""
     return f"{abs(value):.0f} {unit} {'more' if value > 0 else 'less'}{more}" if round(value) else ""
 
 
 def summary_table(
     name: str, groups: Mapping[str, Sequence[Summary]], title: str | None = None, mark_best: bool = False
 ) -> Table:
-    """Return a table of medians over the solved runs, with one row per summary and the groups side by side.
+    """Return a table of medians over the solved runs, with one row per planner or family.
 
-    The groups are summaries of the same rows, by what stands above them. `name` heads the first column.
+    `groups` maps the heading of each block of columns to its summaries. All blocks have the same rows. `name` is the
+    heading of the first column.
     """
     table = output.plain_table(title=title, gap=1)
     table.caption = "Medians over the solved runs. time: to plan and to simplify. clear.: least clearance"
@@ -246,7 +257,8 @@ def summary_table(
     table.add_column("paths\nfound", justify="right", vertical="bottom", no_wrap=True)
     blocks = []
     for group, summaries in groups.items():
-        # Two lengths have no room within 80 letters, with the names of the planners.
+        # Only the last block shows the path length. A second length column would make the table wider than 80
+        # characters.
         columns = _COLUMNS if summaries is rows else _COLUMNS[:-1]
         heading, *lines = _block(group, columns, summaries, mark_best)
         blocks.append(lines)
@@ -257,8 +269,8 @@ def summary_table(
 
 
 def _block(group: str, columns: Sequence[_Column], summaries: Sequence[Summary], mark_best: bool) -> list[Text]:
-    """Return columns side by side as one text: their heading, with the name of the group, and one for each summary."""
-    # A space at the end of each heading: headings stand above the digits, not above the mark.
+    """Join the columns of a group into single texts: a heading with the name of the group, then a line per summary."""
+    # Each heading ends in a space so that it is aligned with the digits and not with the mark.
     cells = [[Text(f"{column.heading} "), *column.cells(summaries, mark_best)] for column in columns]
     widths, quantities = [max(map(len, of_column)) for of_column in cells], []
     for quantity, members in groupby(range(len(columns)), lambda k: columns[k].quantity):
@@ -275,7 +287,8 @@ def _block(group: str, columns: Sequence[_Column], summaries: Sequence[Summary],
 
 
 USUAL_TIME = 5.0  # [s]
-_Solved: TypeAlias = tuple[str, int, dict[str, Any], PlanResult]  # family, index, limits that were widened, result
+# The family of the problem, its index, the joint limits that were widened for it, and the result.
+_Solved: TypeAlias = tuple[str, int, dict[str, Any], PlanResult]
 
 
 def _add_mbm(commands: Any) -> None:
@@ -296,7 +309,7 @@ def _add_mbm(commands: Any) -> None:
 
 
 def prepare_mbm(options: argparse.Namespace) -> Callable[[], int]:
-    """Check what the options name, and return the job."""
+    """Validate the options of `mbm` and return a function that runs the command."""
     file = MbmFile.load(options.file)
     if not any(file.families.values()):
         raise InputError("holds no problem", options.file)
@@ -308,7 +321,7 @@ def prepare_mbm(options: argparse.Namespace) -> Callable[[], int]:
 
 
 def _solve_all(file: MbmFile, robot: Robot, parameters: dict[str, Any], options: argparse.Namespace) -> int:
-    """Solve the problems, write a line for each, and show a table by family."""
+    """Solve the problems, write one JSON line per problem, and print a table with one row per family."""
     to_terminal = options.json == output.STANDARD_OUTPUT and sys.stdout.isatty()
     console = output.error_console()
     results: dict[str, list[PlanResult]] = {}
@@ -346,7 +359,7 @@ def _solve_all(file: MbmFile, robot: Robot, parameters: dict[str, Any], options:
 
 
 def _robot(file: MbmFile, options: argparse.Namespace) -> Robot:
-    """Return the robot of the options or of the file; its joints must be those of the file."""
+    """Return the robot that --robot or the file names. Raise InputError unless it has the joints of the file."""
     name = options.robot or file.robot
     if name in EXAMPLES:
         robot = Robot(RobotSpec(name))

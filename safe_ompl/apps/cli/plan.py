@@ -1,4 +1,4 @@
-"""`safe-ompl plan`: one path for one scenario, on request as a trajectory in time; or the steps of its program."""
+"""Command `plan`: plan one path for a scenario, optionally with a time law, or all steps of the scenario's program."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-# Certificates, drawings, programs and motions in time take a third of a start: names of these packages are looked up
-# where an option asks for them.
+# Importing certificates, drawing, motions and tasks takes a third of the start-up time. These packages load their
+# modules on first attribute access, so they are imported here as packages and not by name.
 import safe_ompl.certificates as certificates
 import safe_ompl.drawing as drawing
 import safe_ompl.io as io
@@ -29,7 +29,8 @@ from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
 
-# Factors of the duration that are tried if stops between exported points are too late.
+# If a robot that follows the exported points cannot stop before a person can reach it, the duration is multiplied by
+# these factors, one after another.
 _SLOWDOWNS = (1.0, 1.005, 1.02, 1.05, 1.15)
 
 
@@ -54,7 +55,7 @@ def add_commands(commands: Any) -> None:
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
-    """Check what the options name, and return the job."""
+    """Validate the options and return a function that runs the command."""
     begin = perf_counter()
     scenario = arguments.with_limits(arguments.load_scenario(options.scenario, options.package_dir), options)
     if options.workers and not options.starts:
@@ -83,14 +84,14 @@ def _plan(
     setup_time: float,
     limits: motions.RateLimits | None,
 ) -> int:
-    """Plan, and show and write the result as the options say; the time [s] is what it took to get ready."""
+    """Plan, print the result and write the requested files. `setup_time` [s] was spent on building the problem."""
     chosen = arguments.run_options(options, scenario, options.planner)
     chosen |= {"optimise": options.optimise, "starts": options.starts or 1, "workers": options.workers or 1}
     result = setup.plan(options.planner, **chosen, ways=options.ways or 1)
     result = replace(result, setup_time=setup_time + result.setup_time)
     if result.interrupted:
         output.error_console().print("safe-ompl: interrupted: this is the best path so far")
-    # The JSON is that of `safe_ompl.save`, with the name of the scenario.
+    # The file has the format that `safe_ompl.save` writes, plus the names of the scenario and the robot.
     if options.json:
         names = {"scenario": scenario.name, "robot": setup.robot.name}
         output.write_json(options.json, {**io.marked("result", names), **io.result_to_mapping(result)})
@@ -112,14 +113,14 @@ def _plan(
 
 
 def record(scenario: str, robot: Robot, result: PlanResult) -> dict[str, Any]:
-    """Return a result in the form of the command line's JSON."""
+    """Return a result as the JSON object that the commands `compare` and `mbm` write."""
     return {"scenario": scenario, "robot": robot.name, **result.as_dict()}
 
 
 def add_timed_options(
     parser: Any, switch: str = "--timed", words: str = "time the path within the limits of the joints"
 ) -> None:
-    """Add what asks for a path in time, --rate, --trajectory and --timed-plot."""
+    """Add the options for a timed trajectory: `switch`, --rate, --trajectory and --timed-plot."""
     group = parser.add_argument_group("time", "the motion in time, with limits and people of the scenario")
     option(group, switch, words, dest="timed")
     option(
@@ -142,7 +143,7 @@ def add_timed_options(
 
 
 def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -> motions.RateLimits | None:
-    """Check the options, and return the limits of the scenario; None if no trajectory is asked for."""
+    """Validate the options of a trajectory and return the scenario's joint limits; None if no option asks for one."""
     if not (options.timed or options.trajectory or options.timed_plot):
         if options.rate is not None:
             raise InputError("is for a path in time: give --trajectory FILE, too", "--rate")
@@ -151,7 +152,7 @@ def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -
 
 
 def timed(result: PlanResult, scenario: Scenario, limits: motions.RateLimits) -> motions.Trajectory:
-    """Return the path in time, within the limits and beside the people of the scenario."""
+    """Compute the time law of the path within the joint limits and the limits for the people of the scenario."""
     return result.timed(
         limits,
         people=scenario.people,
@@ -168,9 +169,10 @@ def show_timed(
     scenario: Scenario,
     options: argparse.Namespace,
 ) -> bool:
-    """Show duration, what bounds the speed, and danger; draw and write what the options ask for.
+    """Print the duration, the active speed limits and the danger of a trajectory; write the requested files.
 
-    What is written is proven as a receiver joins its points; returns False, and writes nothing, where that fails.
+    The exported points are checked with the interpolation that a controller uses between them. If this check fails, the
+    trajectory is not written, and the function returns False.
     """
     danger = None
     if any(obstacle.weight > 0 for obstacle in scenario.scene):
@@ -189,11 +191,13 @@ def show_timed(
         assert result.scene is not None
         rate, problem = options.rate or motions.RATE, io.CarriedProblem(result.robot, result.scene, result.danger)
         record = io.MotionRecord.of(trajectory, problem, rate=rate, name=result.planner)
-        # The form of a JointTrajectory, and what `safe-ompl view` needs.
+        # The document is a JointTrajectory with additional keys that `safe-ompl view` needs.
         content = io.marked("trajectory", {**trajectory.as_dict(rate), **record.to_mapping()})
-        # Stops with a limit of the jerk are proven of the trajectory alone.
+        # With jerk limits, stopping in time is only proven for the trajectory itself, so the check of the exported
+        # points leaves people out.
         people = scenario.people if trajectory.limits.jerk is None else None
-        # Stops between the points may take longer than those of the trajectory, which has no time to spare.
+        # A stop from the interpolation between exported points may take longer than a stop from the trajectory, which
+        # uses all of the allowed stopping time. The exported points are therefore slowed down until the check succeeds.
         for factor in _SLOWDOWNS:
             slower = content if factor == 1 else _slower(content, factor)
             read, other = _written(slower, options.trajectory)
@@ -217,7 +221,7 @@ def show_timed(
 
 
 def _written(content: Mapping[str, Any], file: str) -> tuple[motions.Motion, str | bytes | None]:
-    """Return the motion that is read from a file of a trajectory's document, and what it holds if it is not JSON."""
+    """Return the motion that a reader gets back from the file, and the file's content if it is not JSON (else None)."""
     motion = io.motion_of_document(content)
     if Path(file).suffix.lower() in ("", ".json"):
         return motion, None
@@ -226,7 +230,8 @@ def _written(content: Mapping[str, Any], file: str) -> tuple[motions.Motion, str
 
 
 def _slower(content: Mapping[str, Any], factor: float) -> dict[str, Any]:
-    """Return a trajectory's document in which all takes longer by a factor."""
+    """Scale the time of a trajectory document by `factor` (> 1: slower)."""
+    # By key the power of `factor` that values are divided by. Times are multiplied, positions stay.
     orders = {"time_from_start": -1, "velocities": 1, "accelerations": 2}
     points = [
         {key: (np.array(value) / factor ** orders.get(key, 0)).tolist() for key, value in point.items()}
@@ -237,7 +242,7 @@ def _slower(content: Mapping[str, Any], factor: float) -> dict[str, Any]:
 
 
 def describe_timing(trajectory: motions.Trajectory) -> str:
-    """Return one line: the duration, and for what share of it each limit bounds the speed."""
+    """Return one line with the duration, and the share of the duration in which each limit is active."""
     spans = (trajectory.law.times[1:] - trajectory.law.times[:-1]).tolist()
     shares: dict[str, float] = {}
     for name, span in zip(trajectory.binding(), spans, strict=True):
@@ -251,7 +256,7 @@ _NOT_FOR_PROGRAMS = ("param", "simplify", "optimise", "starts", "workers", "ways
 
 
 def _prepare_program(options: argparse.Namespace, scenario: Scenario) -> Callable[[], int]:
-    """Check what the options name, and return the job: one motion through all steps, proven as one."""
+    """Validate the options and return a function that plans one proven motion through all steps of the program."""
     why = "is for a path to a goal; the scenario has a program, whose motion is in time and proven anyway"
     arguments.refuse(options, _NOT_FOR_PROGRAMS, why)
     if options.planner != arguments.PLANNER:
