@@ -1,4 +1,4 @@
-"""Collision, distance and margin queries on coal, proofs of whole motions, bubbles."""
+"""Collision, distance and margin queries with coal, proofs of whole motions, and bubbles."""
 
 import lazy_loader
 

@@ -22,10 +22,10 @@ _REACH = 0.1  # [m]
 
 @dataclass(frozen=True)
 class Clearance:
-    """The smallest distance [m] between the robot and the obstacles at one configuration; between which two.
+    """The smallest distance [m] between the robot and the obstacles at one configuration, with the nearest pair.
 
-    It is zero or negative in contact, and infinite where there is no obstacle. `points` are the nearest ones, of link
-    and obstacle, in the world (2, 3) [m], where they were asked for.
+    The distance is zero or negative in contact, and infinite without obstacles. `points` (2, 3) [m], if computed, are
+    the nearest points of link and obstacle in the world.
     """
 
     distance: float
@@ -37,14 +37,14 @@ class Clearance:
 class CollisionChecker:
     """Collision, margin and distance queries of a robot against a scene and against itself.
 
-    Checked are the robot's own pairs (`robot.collision_model`) and every moving body against every obstacle; the
-    fixed base may stand on obstacles. A pair whose body provably never reaches the obstacle, within the limits of the
-    joints that slide, is left out of the collision queries. Any number of threads may ask at the same time; they share
-    the `counts`, which may then lose some.
+    The checker tests the robot's self-collision pairs (`robot.collision_model`) and every moving body against every
+    obstacle. The fixed base may stand on obstacles. Pairs whose body provably never reaches the obstacle, within the
+    limits of prismatic joints, are left out of the collision queries. Queries from several threads are safe, but the
+    shared `counts` may then miss some queries.
 
-    Only `move` changes it: obstacles that are `movable` are elsewhere then, and every answer is that of a checker made
-    anew for the new scene. What was derived from it follows (`PairSet`, `MotionProver`, `PairDistances`). What another
-    thread asks meanwhile is answered for the new scene.
+    Only `move` changes the checker: it sets new poses of `movable` obstacles. Afterwards every query gives the result
+    of a new checker for the new scene. Objects derived from the checker (`PairSet`, `MotionProver`, `PairDistances`)
+    are updated, too. Queries of other threads during `move` are answered for the new scene.
 
     Parameters
     ----------
@@ -53,14 +53,15 @@ class CollisionChecker:
     counts : Counts, optional
         Counters to share with other models.
     movable : sequence of str
-        Names of the obstacles that may move, else UnknownNameError. All their pairs are kept, wherever they are.
+        Names of the obstacles that may move; UnknownNameError if a name is unknown. All pairs of these obstacles are
+        kept, at any distance.
 
     Attributes
     ----------
     changes : Changes
-        What notices that obstacles move while another thread asks.
+        Lock that detects obstacle moves during queries of other threads.
     revision : int
-        How often obstacles have moved. What was computed at another revision is of another scene.
+        Number of moves so far. Results of another revision belong to another scene.
     pairs : PairSet
         The P pairs that may touch.
     links : tuple of str
@@ -87,12 +88,12 @@ class CollisionChecker:
         self.links = robot.shared.body_links
         self.revision = 0
         self.changes = Changes()
-        # The sets of pairs by their reach.
+        # Pair sets by their reach [m].
         self._pair_sets: dict[float, PairSet] = {}
         self.pairs = self.pairs_within(0.0)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy is made anew, and its counts begin at zero.
+        # Pickling rebuilds the checker from robot and scene, so its counts start at zero.
         return partial(CollisionChecker, movable=tuple(self.movable)), (self.robot, self.scene)
 
     def __repr__(self) -> str:
@@ -105,10 +106,10 @@ class CollisionChecker:
         return self.pairs.names
 
     def pairs_within(self, reach: float) -> PairSet:
-        """Return the pairs that may touch and, after them, all that may come nearer than a reach [m].
+        """Return the pairs that may touch, followed by all pairs that may come nearer than `reach` [m].
 
-        Reaches are rounded up to 50 mm and its doublings: no pair more than twice as far comes in, and no more than
-        a few sets are ever made. Each is made once.
+        The reach is rounded up to 0.1 m times a power of two and each set is cached. Thus the reach at most doubles
+        above 0.1 m, and there are only a few sets.
         """
         level = max(0.0, reach)
         if 0.0 < reach < inf:
@@ -127,15 +128,15 @@ class CollisionChecker:
         return self._bodies.movable
 
     def move(self, scene: Scene) -> None:
-        """Take the places of another scene, in which nothing but the places of movable obstacles differs.
+        """Move obstacles to their poses in another scene, which differs only in the poses of movable obstacles.
 
-        Verdicts, distances and proofs are those of a checker made anew for that scene, from here on.
+        Afterwards verdicts, distances and proofs equal those of a new checker for this scene.
 
         Raises
         ------
         InputError
-            If anything else differs, or a movable obstacle would have other parts than before, such as a small cloud
-            with another number of points. Then nothing moves.
+            If the scenes differ in anything else, or if a movable obstacle would consist of other parts than before,
+            such as a small cloud with another number of points. Then nothing moves.
         """
         with self.changes.one():
             moved = self._bodies.move(scene)
@@ -148,14 +149,14 @@ class CollisionChecker:
                 pairs.follow()
 
     def in_collision(self, q: ArrayLike) -> bool:
-        """Return whether the robot touches an obstacle or itself at `q: (n,)`; limits are not looked at.
+        """Return whether the robot touches an obstacle or itself at `q: (n,)`. Joint limits are not checked.
 
-        Raises InputError if `q` has the wrong shape or is not finite; so do the other queries.
+        Raises InputError if `q` has the wrong shape or is not finite, as do the other queries.
         """
         return self.touches(configuration(q, self.robot.n))
 
     def touches(self, q: FloatArray) -> bool:
-        """Return the same as `in_collision` for a float array (n,) that is known to be finite: nothing is checked."""
+        """Return whether the robot is in collision at a finite float array (n,), which is not validated."""
         return self._touching(q) is not None
 
     def _touching(self, q: FloatArray) -> int | None:
@@ -168,22 +169,22 @@ class CollisionChecker:
         return None if pair is None else self.pair_names[pair]
 
     def distances(self, q: ArrayLike) -> FloatArray:
-        """Return the distance [m] of every moving body to every obstacle at `q: (n,)`; see `distance_names`."""
+        """Return the distance [m] of every moving body to every obstacle at `q: (n,)`, as `distance_names` lists them."""
         return np.asarray(self.all_distances(configuration(q, self.robot.n)[None])[0])
 
     def all_distances(self, Q: ArrayLike) -> FloatArray:
-        """Return `distances` (B, P) at `Q: (B, n)`."""
+        """Return `distances` (B, P) at a batch of configurations `Q: (B, n)`."""
         return self.pairs_within(inf).distances(configurations(Q, self.robot.n), self._table.with_obstacle)
 
     def pair_distances(self, q: ArrayLike) -> FloatArray:
-        """Return the distance (P,) [m] of the pairs that may touch at `q: (n,)`, the robot's own pairs included."""
+        """Return the distance (P,) [m] of the pairs that may touch at `q: (n,)`, including self-collision pairs."""
         every, Q = np.arange(len(self.pairs.bodies)), configuration(q, self.robot.n)[None]
         return np.asarray(self.pairs.distances(Q, every)[0])
 
     def pair_radii_at(self, q: ArrayLike) -> FloatArray:
-        """Return the displacement radii (P, n) of the pairs that may touch at `q: (n,)`: tighter, but costlier.
+        """Return the motion bounds (P, n) of the pairs that may touch, for motions that start at `q: (n,)`.
 
-        They hold for motions that start at `q` (`docs/how-it-works.md` §3).
+        They are tighter than the bounds for all configurations, but cost more (`docs/how-it-works.md` §3).
         """
         bodies = np.zeros((len(self._bodies.names), self.robot.n))
         bodies[: len(self.links)] = self.robot.bounds.displacement_radii_at(configuration(q, self.robot.n))
@@ -197,7 +198,7 @@ class CollisionChecker:
         return list(self._table.names(self._table.with_obstacle))
 
     def clearance(self, q: ArrayLike) -> Clearance:
-        """Return the smallest distance between robot and obstacles at `q: (n,)`, between which two, and where."""
+        """Return the smallest distance between robot and obstacles at `q: (n,)`, with the nearest pair and points."""
         distances = self.distances(q)
         if not len(distances):
             return Clearance(float("inf"), None, None)

@@ -1,4 +1,4 @@
-"""Certified motions: proof that a whole edge is free, from a few queries (`docs/how-it-works.md` §4)."""
+"""Certified motions: prove with a few queries that a whole edge is collision free (`docs/how-it-works.md` §4)."""
 
 from __future__ import annotations
 
@@ -28,23 +28,24 @@ from safe_ompl.common import (
 )
 from safe_ompl.robot import JointLimits, plain
 
-# [m] Bodies move at most this far in half of a first interval. Larger intervals almost never pass: starting here
-# instead of at the whole edge saves a third of the time of a free edge (bench/motion.py).
+# [m] The first intervals are so short that bodies move at most this far in half an interval. Longer intervals almost
+# never pass: starting with these intervals instead of the whole edge saves a third of the time of a free edge
+# (bench/motion.py).
 _FIRST_REACH = 0.15
 
-# [m] Default floor. Smaller ones decide hardly more edges, as contact itself is known to 0.01 mm; larger ones save
-# nothing while planning, where few edges pass so near to a contact.
+# [m] Default floor. Smaller floors decide hardly more edges, because contact itself is known to 0.01 mm. Larger floors
+# save no time while planning, where few edges pass so near to contact.
 FLOOR = 5e-6
 
 
-# Coefficients c_k (n,) of a motion q(t) = Σ_k c_k t^k, t in [0, 1]; of an edge its start and the way to its end.
+# Coefficients c_k (n,) of a motion q(t) = Σ_k c_k t^k, t in [0, 1]. For an edge they are its start and its difference.
 Curve: TypeAlias = Sequence[FloatArray]
 # The centre and the half-length of an interval, as fractions of a motion.
 Interval: TypeAlias = tuple[float, float]
 
 
 class Verdict(Enum):
-    """Result of checking an edge. Only FREE edges may be driven.
+    """Result of checking an edge. Only FREE edges may be executed.
 
     Examples
     --------
@@ -65,10 +66,10 @@ class MotionVerdict:
     ----------
     verdict : Verdict
         FREE: proven for every configuration of the edge. BLOCKED: the configuration at `at` is in collision, nearer to
-        something than it must be, too dangerous, or outside the joint limits. UNDECIDED: near `at` there is no proof,
+        an obstacle than allowed, too dangerous, or outside the joint limits. UNDECIDED: there is no proof near `at`,
         although intervals are as short as the floor.
     at : float or None
-        Fraction of the edge in [0, 1] where it is blocked or undecided.
+        Fraction of the edge in [0, 1] at which it is blocked or undecided.
     pair : tuple of str or None
         Names of the pair in contact or too near, or of the joint and "its limits".
     """
@@ -79,44 +80,45 @@ class MotionVerdict:
 
 
 class MotionLimit(Protocol):
-    """A further requirement that can be proven of motions.
+    """A further requirement that can be proven for motions.
 
-    It is proven of curves, and of tubes about motions, if it also has a `holds_within(q, steps) -> bool`, which says
-    that every configuration keeps to it whose joints are within `steps: (n,)` of `q: (n,)`; an `allows(q) -> bool`,
-    which says it of one; and a `name`.
+    The optional method `holds_within(q, steps) -> bool` proves the requirement for all configurations whose joint
+    values are within `steps: (n,)` of `q: (n,)`. With it, the method `allows(q) -> bool` for one configuration, and a
+    `name`, the requirement can also be proven for curves and for tubes about motions.
     """
 
     def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
-        """Check the straight motion between `start` and `end: (n,)`."""
+        """Check the straight motion from `start` to `end: (n,)`."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionProver:
-    """Proves that motions of the joints are free of collision, by subdivision with security margins.
+    """Proves that motions of the joints are collision free, by subdivision with security margins.
 
-    While the joints move by Δ, the bodies of pair p approach each other by at most W_p = Σ_i R_pi·|Δ_i|. So if at
-    the centre of an interval of half-length s (a fraction of the edge) every pair keeps more than s·W_p, the
-    whole interval is free: one boolean query. An interval that fails is divided in three, if its centre is free of
-    contact; the middle one keeps the centre. (Halves would cost a sixth more.) Curves are proven alike (`check_curve`).
-    Before that, kernels prove most motions by bounds of distances, without a query (`proofs.pyx`).
+    While the joints move by Δ, the bodies of pair p approach each other by at most W_p = Σ_i R_pi·|Δ_i|. An interval of
+    half-length s (a fraction of the edge) is therefore free if at its centre every pair keeps more than s·W_p, which
+    takes one boolean query. An interval that fails is divided in three if its centre is free of contact; the middle
+    third reuses the centre. (Halving would cost a sixth more.) Curves are proven in the same way (`check_curve`).
+    Before any query, kernels prove most motions with distance bounds (`proofs.pyx`).
 
-    Motions that leave the robot's limits are refused: the pairs that are checked are those that may meet within them.
-    Any number of threads may ask at the same time. Obstacles of the checker may move between two questions. What proves
-    something else is made by `dataclasses.replace`; `required` are the distances that pairs must keep.
+    Motions that leave the robot's limits are refused, because only pairs that may meet within the limits are checked.
+    Queries from several threads are safe. Obstacles of the checker may move between two queries. To prove other
+    requirements, copy the prover with `dataclasses.replace`. The attribute `required` holds the distances that pairs
+    must keep.
 
     Parameters
     ----------
     checker : CollisionChecker
-        Answers the queries.
+        Answers the collision queries.
     floor : float
-        [m] > 0 Give up on an interval in which the bodies move less than this: an edge with less clearance than
+        [m] > 0 Intervals in which the bodies move less than this are not divided. An edge with less clearance than
         about half the floor stays undecided.
     separation : Separation
-        What the robot must keep from obstacles of the scene. By default it must not touch them.
+        Distances that the robot must keep from obstacles. Default: the robot must not touch them.
     limits : sequence of MotionLimit
-        What else must be proven of a motion that is free, such as a `DangerLimit`.
+        Further requirements that must be proven, such as a `DangerLimit`.
     stop : callable
-        Says when time is up: what is not proven until then stays undecided.
+        Returns whether to stop. Motions that are not proven by then stay undecided.
 
     Examples
     --------
@@ -140,7 +142,7 @@ class MotionProver:
         object.__setattr__(self, "required", self.separation.required(self.checker))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy has all but the predicate that ends proofs.
+        # A pickled copy lacks only `stop`.
         kept = partial(MotionProver, separation=self.separation, limits=self.limits)
         return kept, (self.checker, self.floor)
 
@@ -150,9 +152,9 @@ class MotionProver:
     def is_free(self, start: ArrayLike, end: ArrayLike, margin: float = 0.0, limits: JointLimits | None = None) -> bool:
         """Return whether the straight motion between two configurations (n,) is proven free; errors as `check`.
 
-        With a margin [m] bodies that may touch an obstacle at all must also keep so much from it. Unlike a separation
-        this says nothing of the others, needs no preparation, and may be asked with another margin each time. With
-        narrower `limits` than the robot's, motions that are not finite are not free.
+        With a margin [m], bodies that may touch an obstacle must also keep this distance from it. Unlike a separation,
+        the margin does not apply to other bodies, needs no preparation, and may differ in each call. With narrower
+        `limits` than the robot's, motions that are not finite are not free.
         """
         start, end = self._edge(start, end)
         required, changes = self.required_with(margin), self.checker.changes
@@ -172,12 +174,12 @@ class MotionProver:
         return all(self._keeps(limit, start, end).verdict is Verdict.FREE for limit in self.limits)
 
     def are_free(self, starts: ArrayLike, ends: ArrayLike, *, workers: int = 1) -> BoolArray:
-        """Return for straight motions between `starts` and `ends: (E, n)` whether each is proven free, (E,).
+        """Return which of the straight motions from `starts` to `ends: (E, n)` are proven free, (E,).
 
-        The answers are those of `is_free`, in a fraction of the time, and all of one scene: whoever moves obstacles
-        waits. One compiled loop proves most motions; the workers, threads, share them. What bounds of distances do not
-        decide, and further `limits`, are asked one after the other. Raises InputError if the shapes do not match, a
-        value is not finite, or there are less than 1 workers.
+        The results equal those of `is_free`, take a fraction of the time, and all hold for one scene: moves of
+        obstacles wait. One compiled loop, divided among `workers` threads, proves most motions. Motions that distance
+        bounds do not decide, and further `limits`, are checked one after the other. Raises InputError if the shapes do
+        not match, a value is not finite, or `workers` is less than 1.
         """
         n, required = self.checker.robot.n, self.required
         starts, ends = (configurations(Q, n, f"{of} of motions") for Q, of in ((starts, "starts"), (ends, "ends")))
@@ -194,9 +196,9 @@ class MotionProver:
         return free
 
     def proven_by_bounds(self, curves: FloatArray) -> BoolArray:
-        """Return for motions as `check_curve` takes them, finite (E, d + 1, n), whether bounds of distances prove them.
+        """Return which motions, given as for `check_curve` and finite (E, d + 1, n), distance bounds prove free, (E,).
 
-        Those (E,) are free; of others nothing is said. It takes much less time than to ask of one after the other.
+        The other motions are undecided. One call takes much less time than one `check_curve` for each motion.
         """
         held, required = self.checker.robot.joint_limits.hold_curves(curves) & (not self.limits), self.required
         coupling, (count, size, n) = self.checker.robot.coupling, curves.shape
@@ -207,9 +209,10 @@ class MotionProver:
             return held & (required.pairs.bounds.prove_many(moved, required.allowed_for, self.floor) > 0)
 
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
-        """Check the straight motion between `start` and `end: (n,)`; name the witness where it is not free.
+        """Check the straight motion from `start` to `end: (n,)`.
 
-        Raises InputError if a configuration has the wrong shape or is not finite.
+        If it is not free, the verdict names the pair at fault. Raises InputError if a configuration has the wrong shape
+        or is not finite.
         """
         start, end = self._edge(start, end)
         self._check_finite(start, end)
@@ -223,10 +226,9 @@ class MotionProver:
     def check_curve(self, coefficients: ArrayLike) -> MotionVerdict:
         """Check the motion q(t) = Σ_k c_k t^k, t in [0, 1], with coefficients (d + 1, n) [rad or m], d ≥ 1.
 
-        Joint values are taken as they are: no continuous joint goes the short way. What is proven is the curve itself,
-        not a polygon near it (`docs/how-it-works.md` §4). Where the verdict is not FREE, `at` is t. Limits of which
-        nothing is known but at single configurations are UNDECIDED. Raises InputError if the coefficients have another
-        shape or are not finite.
+        Joint values are not wrapped: a continuous joint moves exactly as its values say. The proof covers the curve
+        itself, not a polygon near it (`docs/how-it-works.md` §4). If the verdict is not FREE, `at` is t. Limits without
+        `holds_within` give UNDECIDED. Raises InputError if the coefficients have another shape or are not finite.
         """
         curve: Curve = tuple(finite_array(coefficients, (None, self.checker.robot.n), "coefficients of a motion"))
         if len(curve) < 2:
@@ -238,7 +240,7 @@ class MotionProver:
         return _first_refusal(self._collision(curve), (self._curve_keeps(limit, curve) for limit in self.limits))
 
     def required_with(self, margin: float) -> RequiredDistances:
-        """Return the required distances with a margin [m] from obstacles besides; those of the last call are kept."""
+        """Return the required distances with an additional margin [m] from obstacles. The last result is cached."""
         if not margin:
             return self.required
         widened = self._widened.get(margin)
@@ -268,13 +270,13 @@ class MotionProver:
         return MotionVerdict(verdict, at, self.checker.colliding_pair(q) or required.violating_pair(q))
 
     def _keeps(self, limit: MotionLimit, start: FloatArray, end: FloatArray) -> MotionVerdict:
-        """Return the verdict of a limit on an edge, and on the tube about it."""
+        """Return the verdict of a limit on an edge, and on the tube about the edge if there is one."""
         if self.separation.tube:
             return self._curve_keeps(limit, (start, self.checker.robot.difference(start, end)))
         return limit.check(start, end)
 
     def _curve_keeps(self, limit: MotionLimit, curve: Curve) -> MotionVerdict:
-        """Return the verdict of a limit on a curve and the tube about it, by bisection."""
+        """Return the verdict of a limit on a curve and the tube about the curve, by bisection."""
         name = getattr(limit, "name", type(limit).__name__)
         witness = (name, "its limit")
         holds: Callable[[FloatArray, FloatArray], bool] | None = getattr(limit, "holds_within", None)
@@ -305,9 +307,10 @@ class MotionProver:
     def _completed(
         self, known: BoundsProof, done: int, curve: Curve, required: RequiredDistances
     ) -> tuple[Verdict, float | None]:
-        """Return the verdict, and where, after a proof by bounds that was begun when so many changes were done.
+        """Finish a proof by bounds and return the verdict and its fraction of the motion.
 
-        A proof during which another thread moves obstacles is begun anew.
+        `done` is the number of obstacle moves that were complete when the proof began. If another thread moves
+        obstacles during the proof, the proof is repeated.
         """
         changes = self.checker.changes
         found = self._subdivide(known, curve, required)
@@ -340,7 +343,7 @@ class MotionProver:
                 if curved or half != asked:
                     approach = pairs.radii @ speeds_about(curve, t, half)
                     margins, asked = half * approach + required.provable, half
-                    # Queries rely on read-only margins not changing.
+                    # The queries cache results for read-only margins.
                     margins.setflags(write=False)
                 q = place(curve, t)
                 if pairs.within_margins(q, margins):
@@ -362,10 +365,10 @@ class MotionProver:
                 intervals += _unknown([(t + side, third) for side in (-2 * third, 0.0, 2 * third)], known)
 
     def _first_intervals(self, curve: Curve, required: RequiredDistances, known: BoundsProof) -> list[Interval]:
-        """Return intervals that cover what is not known to be free, in which no pair approaches by more than 0.3 m.
+        """Return intervals that cover all of the curve that is not known to be free.
 
-        A bound of how fast a curve is may be much too large for all of it, and good in its parts, which are halved. The
-        steps of an edge are the same everywhere.
+        No pair approaches by more than 0.3 m in any. The speed bound over a whole curve may be far too large, so
+        intervals of a curve are halved and bounded again. An edge has constant speed and is divided evenly.
         """
         waiting, found = [(0.5, 0.5)], list[Interval]()
         while waiting:
@@ -386,12 +389,12 @@ class MotionProver:
 
 
 def _first_refusal(found: MotionVerdict, others: Iterable[MotionVerdict]) -> MotionVerdict:
-    """Return the first verdict that is not FREE; where all are, the first."""
+    """Return the first verdict that is not FREE, or `found` if all verdicts are FREE."""
     return next((verdict for verdict in chain([found], others) if verdict.verdict is not Verdict.FREE), found)
 
 
 def place(curve: Curve, t: float) -> FloatArray:
-    """Return the joint values (n,) at t of a curve."""
+    """Return the joint values (n,) of a curve at t."""
     q = curve[-1]
     for coefficient in curve[-2::-1]:
         q = coefficient + t * q
@@ -399,7 +402,7 @@ def place(curve: Curve, t: float) -> FloatArray:
 
 
 def speeds_about(curve: Curve, t: float, half: float) -> FloatArray:
-    """Return v (n,) ≥ 0 with |q(t + x) − q(t)| ≤ |x| v for |x| ≤ half, by Taylor's expansion at t."""
+    """Return speeds v (n,) ≥ 0 with |q(t + x) − q(t)| ≤ |x| v for |x| ≤ half, by Taylor expansion at t."""
     taylor = list(curve)
     for k in range(len(taylor) - 1):
         for j in range(len(taylor) - 2, k - 1, -1):
@@ -411,5 +414,5 @@ def speeds_about(curve: Curve, t: float, half: float) -> FloatArray:
 
 
 def _unknown(intervals: list[Interval], known: BoundsProof) -> list[Interval]:
-    """Return those intervals that are not known to be free."""
+    """Return the intervals that are not known to be free."""
     return [(t, half) for t, half in intervals if not known.covers(t - half, t + half)]

@@ -1,4 +1,4 @@
-"""The danger field of a robot at rest and in motion, its gradients, and proven bounds of it."""
+"""Danger field of a robot at rest and in motion, its gradients, and proven bounds."""
 
 import lazy_loader
 

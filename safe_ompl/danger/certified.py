@@ -1,4 +1,4 @@
-"""Certified danger: proven bounds of the peak danger of an edge and of a path, from few evaluations."""
+"""Certified danger: proven bounds of the peak danger of edges and paths, from few evaluations."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from safe_ompl.danger.link_field import segment_bounds
 from safe_ompl.danger.static import chords
 from safe_ompl.robot import Robot
 
-# This many intervals are halved at once. More share the cost of a call, fewer are halved for nothing.
+# Number of intervals that are halved at once. A larger batch shares the cost of a call, a smaller one halves fewer
+# intervals needlessly.
 _BATCH = 16
-_ROUNDING = 1e-8  # of the arithmetic, relative
-# The relative tolerance of the bounds of a peak.
+_ROUNDING = 1e-8  # relative
+# Relative tolerance of the bounds of a peak.
 _TOLERANCE = 0.05
 # Intervals in which the robot moves less than this are not halved.
 _FLOOR = 1e-4  # [m]
@@ -30,10 +31,10 @@ _WITNESS = ("danger", "its limit")
 
 @dataclass(frozen=True)
 class DangerBounds:
-    """What is proven of the peak danger of a motion: lower ≤ peak ≤ upper.
+    """Proven bounds of the peak danger of a motion: lower ≤ peak ≤ upper.
 
-    The largest danger found, `lower`, is on the edge `edge`, at the fraction `at` of it. No configuration of the motion
-    is more dangerous than `upper`, +inf where it cannot be kept from a danger point.
+    The largest danger found, `lower`, occurs on the edge `edge` at its fraction `at`. No configuration of the motion is
+    more dangerous than `upper`, which is +inf if contact with a danger point cannot be excluded.
     """
 
     lower: float
@@ -43,13 +44,13 @@ class DangerBounds:
 
 
 class CertifiedDanger:
-    """Proves how dangerous straight joint motions are, by a field: until upper ≤ 1.05·lower.
+    """Proves bounds of the peak danger of straight joint motions until upper ≤ 1.05·lower.
 
-    Samples give a lower bound of the peak. Between two of them speed and acceleration of the key points are known at
-    the ends, and `KeypointRates` bounds how far they can grow; from that `danger.static.chords` bounds the
-    field of every link at every danger point from above. Aggregates are monotone and convex in the fields, so that they
-    inherit the bounds. The interval with the highest bound is halved until both agree within the tolerance, or the
-    robot moves less than 0.1 mm in it.
+    Samples give a lower bound of the peak. For the motion between two samples, speed and acceleration of the key points
+    are known at both ends, and `KeypointRates` bounds their growth. From these, `danger.static.chords` bounds the field
+    of every link at every danger point from above. Aggregates are monotone and convex in the fields, so the bounds
+    carry over to the danger. The interval with the highest bound is halved until both bounds agree within the
+    tolerance, or the robot moves less than 0.1 mm in the interval.
 
     Examples
     --------
@@ -69,7 +70,8 @@ class CertifiedDanger:
     def of_path(self, path: ArrayLike) -> DangerBounds:
         """Return bounds of the peak danger of a path (N, n) of straight motions.
 
-        InputError if it is empty, not finite, or leaves the limits of a joint that slides: they bound the radii.
+        Raises InputError if the path is empty, not finite, or leaves the limits of a prismatic joint, within which the
+        motion bounds hold.
         """
         search = PeakSearch(self.field, path, lambda lower: (1 + _TOLERANCE) * lower)
         search.narrow()
@@ -78,9 +80,9 @@ class CertifiedDanger:
 
 
 class DangerLimit:
-    """A danger that no configuration may exceed, > 0; proven along whole motions, as a limit of `MotionProver`.
+    """A limit > 0 of the danger that can be proven along whole motions, as a limit of `MotionProver`.
 
-    A motion that is nearer to the limit than about what the danger changes over 0.1 mm stays undecided.
+    A motion stays undecided if its peak danger is closer to the limit than about the change of the danger over 0.1 mm.
 
     Examples
     --------
@@ -107,7 +109,7 @@ class DangerLimit:
         return self.danger(q) <= self.limit
 
     def holds_within(self, q: FloatArray, steps: FloatArray) -> bool:
-        """Return whether no configuration is more dangerous, proven, whose joints are within `steps: (n,)` of `q`."""
+        """Return whether the limit is proven for all configurations whose joints are within `steps: (n,)` of `q`."""
         field, robot = self.field.frozen(), self.field.robot
         if field.factors is None:
             return False
@@ -119,7 +121,8 @@ class DangerLimit:
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between two configurations (n,); errors as `CertifiedDanger.of_path`.
 
-        UNDECIDED: near `at` the danger is too near to the limit to tell. The `pair` is "danger" and "its limit".
+        UNDECIDED means that near `at` the danger is too close to the limit for a proof. The `pair` is "danger" and "its
+        limit".
         """
         ends, ceiling = motion_ends(start, end, self.field.robot.n), self.limit
         search = PeakSearch(self.field, ends, lambda low: inf if low > ceiling else ceiling)
@@ -133,10 +136,11 @@ class DangerLimit:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class KeypointRates:
-    """Proven bounds of speed, acceleration and jerk (E, K) [m] of the key points over whole edges q₁ + tΔ, t ∈ [0, 1].
+    """Proven bounds (E, K) [m] of speed, acceleration and jerk of the key points over whole edges q₁ + tΔ, t ∈ [0, 1].
 
-    Differentiated by joints i ≤ j, counted from the base, key point k changes by at most R̄_kj, the proven radius, if
-    joint i turns, and not at all if it slides; and so on for more joints.
+    A derivative of key point k with respect to joints i ≤ j, counted from the base, is at most R̄_kj, the proven
+    radius, if joint i is revolute, and zero if joint i is prismatic. The same holds for derivatives with respect to
+    more joints.
     """
 
     speed: FloatArray
@@ -145,10 +149,10 @@ class KeypointRates:
 
     @classmethod
     def of(cls, robot: Robot, deltas: FloatArray) -> KeypointRates:
-        """Return them for edges with `deltas: (E, n)`.
+        """Compute the bounds for edges with `deltas: (E, n)`.
 
-        With r_j = R̄_kj|Δ_j|, w_j = |Δ_j| if joint j turns, else 0, and W_j the sum of w over the joints between
-        base and j: Σ r_j, Σ r_j (2W_j + w_j), Σ r_j (3W_j² + 3W_j w_j + w_j²).
+        With r_j = R̄_kj|Δ_j|, w_j = |Δ_j| for revolute joints, else 0, and W_j the sum of w over the joints between
+        base and j, the bounds are Σ r_j, Σ r_j (2W_j + w_j), Σ r_j (3W_j² + 3W_j w_j + w_j²).
         """
         steps = np.abs(robot.coupling.motions(deltas))[:, None, :]
         moved = steps * robot.bounds.joint_keypoint_radii
@@ -164,10 +168,10 @@ class KeypointRates:
     def between(
         self, edges: IntArray, h: FloatArray, first: FloatArray, last: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of speed and acceleration, each (I, K), between two configurations of an edge, of I intervals.
+        """Return bounds (I, K) of speed and acceleration between two configurations of an edge, for I intervals.
 
-        `h: (I,)` is the length of each as a fraction of its edge, `first` and `last` (I, 2, K) are the exact speed and
-        acceleration at its ends.
+        `h: (I,)` is the length of each interval as a fraction of its edge. `first` and `last` (I, 2, K) are the exact
+        speed and acceleration at its ends.
         """
         middle = (first + last) / 2
         speed, acceleration = middle[:, 0], middle[:, 1]
@@ -178,12 +182,12 @@ class KeypointRates:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sample:
-    """One configuration q_e + tΔ of an edge, and what is known there."""
+    """One configuration q_e + tΔ of an edge, with the danger, fields and speeds there."""
 
     edge: int
     t: float
     danger: float
-    # The fields of links, and the distances [m] from them, (2, L, M).
+    # The fields of the links, and their distances [m] from the danger points, (2, L, M).
     fields: FloatArray
     lengths: FloatArray  # (L,)
     speed: FloatArray  # (K,)
@@ -195,7 +199,7 @@ class _Interval:
     first: Sample
     last: Sample
     upper: float
-    # A bound of how far the robot moves in the interval.
+    # A bound of the motion of the robot in the interval.
     path: float  # [m]
 
     @property
@@ -204,10 +208,10 @@ class _Interval:
 
 
 class PeakSearch:
-    """Halves the intervals of a path that may be the most dangerous ones; `best` is the most dangerous sample found.
+    """Halves the intervals of a path that may contain the peak. `best` is the most dangerous sample so far.
 
-    The path has way points (N, n). Intervals in which the robot moves less than the floor are not halved any more. The
-    ceiling maps the largest danger found to the bound that is good enough; it must not fall as more is found.
+    The path has way points (N, n). Intervals in which the robot moves less than the floor are not halved. The ceiling
+    maps the largest danger found to a sufficient bound. It must not decrease as the danger increases.
     """
 
     best: Sample
@@ -218,7 +222,7 @@ class PeakSearch:
         if not len(points):
             raise InputError("path must have a configuration at least, got none")
         _check_strokes(robot, points)
-        # The proof must be of the same danger points from its beginning to its end.
+        # All steps of the proof must use the same danger points.
         field = field.frozen()
         self._field, self._ceiling = field, ceiling
         points = points if len(points) > 1 else points[[0, 0]]
@@ -248,11 +252,14 @@ class PeakSearch:
 
     @property
     def undecided_at(self) -> float | None:
-        """Fraction of the edge in the middle of the first interval that was given up."""
+        """Fraction of the edge at the middle of the first interval that stays undecided."""
         return min((interval.middle for interval in self._undecided), default=None)
 
     def narrow(self, *, give_up: bool = False) -> None:
-        """Halve intervals until all bounds are good enough, or all those (to give up: one) are too small."""
+        """Halve intervals until all bounds suffice or the remaining intervals are too small.
+
+        With `give_up` the search ends at the first interval that is too small.
+        """
         while not (give_up and self._undecided):
             chosen = list(self._above())
             if not chosen:
@@ -268,11 +275,11 @@ class PeakSearch:
 
     @property
     def _enough(self) -> float:
-        """The bound that is good enough for an interval."""
+        """The bound that suffices for an interval."""
         return self._ceiling(self.best.danger) / (1 + _ROUNDING)
 
     def _above(self) -> Iterable[_Interval]:
-        """Take the most dangerous intervals out of the heap, as many as make a batch."""
+        """Pop the intervals with the highest bounds from the heap, up to one batch."""
         number, enough = 0, self._enough
         while number < _BATCH and self._heap and -self._heap[0][0] > enough:
             interval = heappop(self._heap)[2]
@@ -283,7 +290,7 @@ class PeakSearch:
                 yield interval
 
     def _whole_edges(self, first: int, last: int) -> list[tuple[Sample, Sample]]:
-        """Return start and end of some edges; a way point between two of them is evaluated once."""
+        """Return samples at the start and end of some edges. A way point between two edges is evaluated once."""
         starts, ends = ([(k, t) for k in range(first, last)] for t in (0.0, 1.0))
         points, speeds, pushes = self._motions(starts + ends)
         number = len(starts)
@@ -294,7 +301,7 @@ class PeakSearch:
         return list(zip(first_samples, last_samples, strict=True))
 
     def _motions(self, places: list[tuple[int, float]]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return positions (B, K, 3), speeds and accelerations (B, K) of the key points at places of edges."""
+        """Return positions (B, K, 3), speeds and accelerations (B, K) of the key points at (edge, fraction) pairs."""
         edges, t = np.array([edge for edge, _ in places]), np.array([t for _, t in places])
         deltas = self._deltas[edges]
         points, velocities, accelerations = self._field.robot.keypoint_motions(
@@ -306,7 +313,7 @@ class PeakSearch:
         """Return dangers (B,), fields and distances (B, 2, L, M), and lengths (B, L) for key points (B, K, 3)."""
         fields, distances = self._field.link_fields(points)
         pairs, factors = self._field.links, self._field.factors
-        # The factor of the unit field of each link.
+        # The factors of the links' unit fields.
         if factors is None:
             lengths: FloatArray = np.linalg.norm(points[:, pairs[:, 1]] - points[:, pairs[:, 0]], axis=2)
         else:
@@ -315,14 +322,14 @@ class PeakSearch:
         return dangers, np.stack([fields, distances], axis=1), lengths
 
     def _samples(self, places: list[tuple[int, float]], *found: FloatArray) -> list[Sample]:
-        """Return samples; `found` are speeds, accelerations, and what `_evaluated` returns."""
+        """Return samples from speeds, accelerations, and the values that `_evaluated` returns (`found`)."""
         return [
             Sample(edge, t, float(danger), fields, length, v, a)
             for (edge, t), v, a, danger, fields, length in zip(places, *found, strict=True)
         ]
 
     def _push(self, pairs: Sequence[tuple[Sample, Sample]]) -> None:
-        """Bound the danger between pairs of samples, and put the intervals that are not settled by it into the heap."""
+        """Bound the danger between pairs of samples and push the intervals whose bounds are too high."""
         for (first, last), upper, path in zip(pairs, *self._bounded(pairs), strict=True):
             if upper <= self._enough:
                 self._settled = max(self._settled, upper)
@@ -331,7 +338,7 @@ class PeakSearch:
                 heappush(self._heap, (-interval.upper, next(self._order), interval))
 
     def _bounded(self, pairs: Sequence[tuple[Sample, Sample]]) -> tuple[list[float], list[float]]:
-        """Return for each interval the upper bound of its danger, and how far the robot moves in it [m]."""
+        """Return for each interval the upper bound of the danger, and a bound of the robot's motion [m]."""
         edges = np.array([first.edge for first, _ in pairs])
         h = np.array([last.t - first.t for first, last in pairs])
         known = (np.array([[pair[side].speed, pair[side].acceleration] for pair in pairs]) for side in (0, 1))
@@ -340,12 +347,12 @@ class PeakSearch:
         bounds = speed.take(links, axis=1).max(axis=2), acceleration.take(links, axis=1).max(axis=2)
         motions = zip(pairs, h.tolist(), *bounds, self._longest(pairs, edges, h), strict=True)
         lines = (chords(first.fields, last.fields, *motion) for (first, last), *motion in motions)
-        # Aggregates are convex and grow with each level: above two ends of a line they are above all of it.
+        # Aggregates are convex and monotone, so the larger value at the two ends of a line bounds the whole line.
         uppers = [float(self._field.aggregated(ends).max()) for ends in lines]
         return uppers, (speed.max(axis=1) * h).tolist()
 
     def _longest(self, pairs: Sequence[tuple[Sample, Sample]], edges: IntArray, h: FloatArray) -> FloatArray:
-        """Return the most that each link's unit field is multiplied by in each interval, (I, L)."""
+        """Return the largest factor of each link's unit field in each interval, (I, L)."""
         lengths = np.array([(first.lengths + last.lengths) / 2 for first, last in pairs])
         if self._field.factors is None:
             lengths += (self._stroke_rates[edges] * h / 2)[:, None]
@@ -358,7 +365,7 @@ def _norm(vectors: FloatArray) -> FloatArray:
 
 
 def _check_strokes(robot: Robot, path: FloatArray) -> None:
-    # Those that slide, or make another one slide.
+    # Prismatic joints, and joints that move a prismatic joint through a coupling.
     strokes = robot.coupling.radii(robot.joint_prismatic.astype(np.float64)) > 0
     for q in path:
         for i in np.flatnonzero(~robot.within_limits(q) & strokes):

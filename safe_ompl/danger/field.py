@@ -1,4 +1,4 @@
-"""The danger of a configuration: the field of the robot at the danger points."""
+"""Danger of a configuration: the danger field of the robot, evaluated at the danger points."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from safe_ompl.scene import Scene
 
 Aggregate: TypeAlias = Literal["max", "mean", "softmax"]
 AGGREGATES: tuple[Aggregate, ...] = ("max", "mean", "softmax")
-# k₂/k₁ in the code of the authors of the field.
+# Default of k₂/k₁, from the code of the authors of the field.
 _LEAD = 0.25  # [s]
 
 
 @dataclass(frozen=True)
 class DangerKind(Section):
-    """What kind of danger, as `DangerField` has it."""
+    """Options of `DangerField` that define the kind of danger."""
 
     aggregate: Aggregate = key(documents.one_of, default="max", known=AGGREGATES)
     weighting: link_field.Weighting = key(documents.one_of, default="unit", known=link_field.WEIGHTINGS)
@@ -52,24 +52,24 @@ class DangerKind(Section):
 class DangerField:
     """Cumulative danger field of a robot at danger points, CDF(q) = aggregate_m w_m CDF(p_m; q) (paper §3).
 
-    The field of the robot at a point is the sum over its links of k₁ ∫ dt/‖p − r_t‖, eq. (5)–(7). The danger
-    of a configuration is its maximum over the danger points, as in the paper, or a mean.
+    The field of the robot at a point is the sum over its links of k₁ ∫ dt/‖p − r_t‖, eq. (5)–(7). The danger of a
+    configuration is the maximum of the field over the danger points, as in the paper, or a mean.
 
     Parameters
     ----------
     robot : Robot
-        Gives the key points and segments of the skeleton.
+        Provides the key points and segments of the skeleton.
     points : array_like, shape (M, 3)
-        Danger points in the world frame [m]. Without any point the danger is zero everywhere.
+        Danger points in the world frame [m]. Without points the danger is zero everywhere.
     weights : array_like, shape (M,), optional
-        w > 0 for each point, the danger weight of its obstacle; 1 by default.
+        Weight w > 0 of each point, the danger weight of its obstacle. Default: 1.
     counts : Counts, optional
-        Where evaluations are counted.
+        Counters of the evaluations.
     aggregate : {"max", "mean", "softmax"}
-        With levels x_m = w_m CDF(p_m): the largest; their mean; or the smooth (1/β) log Σ_m exp(β x_m), which
-        exceeds the largest by no more than log(M)/β.
+        With x_m = w_m CDF(p_m): the maximum; the mean; or the smooth (1/β) log Σ_m exp(β x_m), which exceeds the
+        maximum by at most log(M)/β.
     weighting : {"unit", "length"}
-        Every link weighs the same (eq. 4), or in proportion to its length (eq. 1).
+        Every link has the same weight (eq. 4), or a weight in proportion to its length (eq. 1).
     k1 : float
         k₁ > 0 of the elementary field (6). The danger is in k₁/m with unit weighting, else in k₁. Default: 1.
     sharpness : float
@@ -81,7 +81,7 @@ class DangerField:
     Attributes
     ----------
     revision : int
-        How often obstacles have moved. What was computed at another revision is of another scene.
+        Number of moves of the danger points so far. Results of another revision belong to another scene.
 
     Raises
     ------
@@ -90,12 +90,12 @@ class DangerField:
 
     Notes
     -----
-    Gradients hold the danger points where they are. With "max" the gradient is that of the most dangerous point: one
-    of the subgradients where two points tie. A maximum is exact; points that cannot have it are left out by bounds in
-    single precision.
+    Gradients are computed with fixed danger points. With "max" the gradient is that of the most dangerous point, which
+    is a subgradient where two points tie. The maximum is exact: bounds in single precision only exclude points that
+    cannot be the maximum.
 
-    Any number of threads may ask at the same time, also while one of them moves the field; they share the `counts`,
-    which may then lose some.
+    Queries from several threads are safe, also while one thread moves the field. The threads share the `counts`, which
+    may then miss some evaluations.
 
     Examples
     --------
@@ -134,9 +134,10 @@ class DangerField:
 
     @classmethod
     def of_scene(cls, robot: Robot, scene: Scene, spacing: float | None = None, **options: Any) -> DangerField:
-        """Return the field at the danger points of a scene (`Scene.danger_points`); it can `move` with them.
+        """Return the field at the danger points of a scene (`Scene.danger_points`). `move` can move its points.
 
-        `spacing` is the distance between danger points [m], by default the scene's own; options are those of the class.
+        `spacing` is the distance between danger points [m], by default the scene's own. The options are those of the
+        class.
         """
         field = cls(robot, *scene.danger_points(spacing)[:2], **options)
         field._scene = scene, spacing
@@ -147,7 +148,7 @@ class DangerField:
     def of_options(
         cls, robot: Robot, scene: Scene, options: Mapping[str, Any], counts: Counts | None = None
     ) -> DangerField:
-        """Return the field of a scene with options that a user gives, as `danger` of `SafeSetup`; InputError if bad."""
+        """Return the field of a scene with a user's options, as `danger` of `SafeSetup`; InputError if one is bad."""
         if not isinstance(options, Mapping):
             raise InputError(f"danger must be a mapping of options, or None for none, got {options!r}")
         with documents.within("danger"):
@@ -155,7 +156,7 @@ class DangerField:
         return cls.of_scene(robot, scene, counts=counts, **options)
 
     def move(self, scene: Scene) -> None:
-        """Take the danger points of another scene, such as `Scene.moved`; the danger is that of a field made anew.
+        """Use the danger points of another scene, such as `Scene.moved`. The danger then equals that of a new field.
 
         Raises InputError if the field was not made by `of_scene`.
         """
@@ -169,21 +170,22 @@ class DangerField:
             self.revision += 1
 
     def _take(self, points: DangerPoints) -> None:
-        """Take danger points and what follows from them, at once, as other threads may ask."""
+        """Set the danger points and derived data. Other threads see the old field or the new one."""
         self._points = points
         self._frozen = None if self._scene is None else self._at(points)
 
     def _at(self, points: DangerPoints) -> DangerField:
-        """Return the field at other danger points, which stay where they are."""
+        """Return the field at other danger points, which never move."""
         other = copy.copy(self)
         other._points, other._scene, other._frozen = points, None, None
         other._minimum = None
         return other
 
     def frozen(self) -> DangerField:
-        """Return the field at the present danger points, which stay where they are if this field moves.
+        """Return the field at the present danger points, which do not change when this field moves.
 
-        Several queries about the same danger points go to this one, as another thread may move them.
+        If several queries must use the same danger points, use the frozen field, because another thread may move this
+        one.
         """
         return self if self._frozen is None else self._frozen
 
@@ -200,12 +202,12 @@ class DangerField:
 
     @property
     def weights(self) -> FloatArray | None:
-        """The weights (M,) of the danger points, read-only; None where all are 1."""
+        """The weights (M,) of the danger points, read-only; None if all are 1."""
         return self._points.weights
 
     @cached_property
     def factors(self) -> FloatArray | None:
-        """What the unit field of each link is multiplied by, (L,): 1, or its length [m]; None where that may change."""
+        """Factors (L,) of the links' unit fields: 1, or the link length [m]; None if link lengths may change."""
         if self.weighting == "unit":
             return np.ones(len(self.links))
         if self.robot.joint_prismatic.any():
@@ -215,21 +217,21 @@ class DangerField:
         return lengths
 
     def point_danger(self, chosen: BoolArray | None = None) -> static.PointDanger:
-        """Return the danger at present for compiled code; without points it is zero.
+        """Return the present danger as an object for compiled code. Without points the danger is zero.
 
-        That is of all danger points, or of those that are chosen (M,). The joints of its values and gradients are those
-        of Pinocchio's model. Whoever calls it counts the evaluations.
+        It includes all danger points, or those with `chosen: (M,)`. Its values and gradients use the joints of
+        Pinocchio's model. The caller counts the evaluations.
         """
         table = self._points.table
         return static.PointDanger(self._skeleton, table if chosen is None else table.some(chosen), *self._measure)
 
     def count(self, configurations: int, points: int) -> None:
-        """Count an evaluation of so many points at every one of so many configurations."""
+        """Count an evaluation of `points` danger points at each of `configurations` configurations."""
         self.counts.field_configurations += configurations
         self.counts.field_points += configurations * points
 
     def value(self, q: ArrayLike) -> float:
-        """Return the danger CDF(q) at `q: (n,)`; +inf where a segment passes through a danger point.
+        """Return the danger CDF(q) at `q: (n,)`; +inf if a segment passes through a danger point.
 
         Raises InputError if `q` has the wrong shape or is not finite.
         """
@@ -242,10 +244,10 @@ class DangerField:
         return dangers
 
     def mean(self, start: ArrayLike, end: ArrayLike, tolerance: float = 0.01) -> float:
-        """Return the mean danger ∫ CDF dt on the straight way q(t) between two configurations (n,), 0 ≤ t ≤ 1.
+        """Return the mean danger ∫ CDF dt on the straight motion q(t) between two configurations (n,), 0 ≤ t ≤ 1.
 
-        By Simpson's rule on pieces of at most 1 rad, which are halved, six times at most, until the trapezoidal rule is
-        within the relative `tolerance` > 0 of the mean from it. Errors as `value`.
+        The mean is computed by Simpson's rule on pieces of at most 1 rad. The pieces are halved, at most six times,
+        until the trapezoidal rule differs by less than the relative `tolerance` > 0. Errors as `value`.
         """
         number("tolerance", tolerance, above=0.0)
         ends, danger = np.concatenate([self._single(start), self._single(end)]), self.point_danger()
@@ -259,7 +261,10 @@ class DangerField:
         return mean
 
     def gradient(self, q: ArrayLike) -> FloatArray:
-        """Return ∇CDF(q), (n,), at `q: (n,)` [danger/rad or danger/m]; see the Notes of the class. Errors: `value`."""
+        """Return ∇CDF(q), (n,), at `q: (n,)` [danger/rad or danger/m]; see the Notes of the class.
+
+        Errors as `value`.
+        """
         gradient: FloatArray = self.gradients(self._single(q))[0]
         return gradient
 
@@ -268,16 +273,16 @@ class DangerField:
         return self.values_and_gradients(Q)[1]
 
     def values_and_gradients(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)` at the cost of the gradients."""
+        """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)`. The values come at no extra cost."""
         danger, values = self._asked(configurations(Q, self.robot.n))
         dangers, gradients = danger.values_and_gradients(values)
         return dangers, self.robot.coupling.columns(gradients)
 
     @property
     def minimum(self) -> float:
-        """A proven lower bound of the danger at any configuration: every link as far away as it can get.
+        """A proven lower bound of the danger at any configuration: every link is as far away as it can get.
 
-        Zero where there are no danger points, or prismatic joints make the links' lengths change (eq. 1).
+        The bound is zero without danger points, or if prismatic joints change the lengths of links (eq. 1).
         """
         field = self.frozen()
         if field._minimum is None:
@@ -287,12 +292,12 @@ class DangerField:
     def _least(self) -> float:
         if not len(self.points) or self.factors is None:
             return 0.0
-        # (L, M): no point of a segment is farther away than both of its ends
+        # No point of a segment is farther away than the farther one of its ends, (L, M).
         farthest = self.robot.bounds.keypoint_reaches(self.points)[self.links].max(axis=1)
         return float(self.aggregated(self.k1 * (self.factors @ (1.0 / farthest))[None])[0])
 
     def link_fields(self, keypoints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the field of every link at the danger points, and their distances from the links [m], (B, L, M) each.
+        """Return the field (B, L, M) of every link at the danger points, and their distances (B, L, M) [m].
 
         `keypoints: (B, K, 3)` are those of the skeleton at B configurations [m]. The fields are φ_l(p_m) with unit
         weighting (4), unweighted; +inf on a segment.
@@ -303,7 +308,7 @@ class DangerField:
         return fields, link_field.segment_distances(keypoints, self.links, points)
 
     def aggregated(self, fields: FloatArray) -> FloatArray:
-        """Return the danger (B,) where the robot's field at the danger points is `fields: (B, M)`, unweighted."""
+        """Return the danger (B,) for fields of the robot at the danger points, `fields: (B, M)`, without weights."""
         if not fields.shape[1]:
             return np.zeros(len(fields))
         levels = fields if self.weights is None else fields * self.weights
@@ -311,21 +316,21 @@ class DangerField:
         return dangers
 
     def shares(self, fields: FloatArray) -> FloatArray:
-        """Return the derivatives (B, M) of `aggregated` by the fields (B, M)."""
+        """Return the derivatives (B, M) of `aggregated` with respect to the fields (B, M)."""
         levels = fields if self.weights is None else fields * self.weights
         shares: FloatArray = static.shares(plain(levels), *self._measure)
         return shares if self.weights is None else shares * self.weights
 
     @property
     def groups(self) -> link_field.Groups:
-        """The danger points, one at least, in groups of neighbours."""
+        """The danger points, at least one, in groups of neighbours."""
         return self._points.groups
 
     def high_points(self, Q: ArrayLike, share: float) -> BoolArray:
         """Return which danger points (M,) matter near the configurations `Q: (B, n)`; errors as `value`.
 
-        These are the points whose w_m CDF(p_m) reaches the given share of the maximum at one of them, at least. Where
-        the danger is a mean, all of them matter.
+        A point matters if its w_m CDF(p_m) reaches the given share of the maximum at a configuration or more. If the
+        danger is a mean, all points matter.
         """
         Q = configurations(Q, self.robot.n)
         if self.aggregate != "max":
@@ -339,10 +344,10 @@ class DangerField:
         return self._at(DangerPoints(points, weights, self.k1))
 
     def push(self, q: ArrayLike) -> FloatArray:
-        """Return the joint motion (n,) that the field's vectors ask for at `q: (n,)`, Σ_m Σ_l J_lᵀ w_m CDF(p_m).
+        """Return the joint motion (n,) along the field's vectors at `q: (n,)`, Σ_m Σ_l J_lᵀ w_m CDF(p_m).
 
-        J_l is the Jacobian of the distal end of link l; the sum goes over all danger points (paper, §4.3). It is not
-        finite where a segment passes through a danger point.
+        J_l is the Jacobian of the distal end of link l. The sum is over all danger points (paper, §4.3). It is not
+        finite if a segment passes through a danger point.
         """
         Q, points = self._single(q), self._points
         keypoints = self.robot.keypoints_batch(Q)
@@ -355,7 +360,7 @@ class DangerField:
         return motion
 
     def field(self, q: ArrayLike, points: ArrayLike) -> FloatArray:
-        """Return the field CDF(p), (M,), of the robot at `q: (n,)` at any `points: (M, 3)` [m], unweighted.
+        """Return the field CDF(p), (M,), of the robot at `q: (n,)` at any `points: (M, 3)` [m], without weights.
 
         Raises InputError if `q` or `points` has the wrong shape or is not finite.
         """
@@ -369,7 +374,7 @@ class DangerField:
         return configuration(q, self.robot.n)[None]
 
     def _asked(self, Q: FloatArray) -> tuple[static.PointDanger, FloatArray]:
-        """Count an evaluation at `Q: (B, n)`; return the danger at present, and the values (B, m) of its joints."""
+        """Count an evaluation at `Q: (B, n)`; return the present danger and Pinocchio's joint values (B, m)."""
         danger = self.point_danger()
         self.count(len(Q), len(danger.points))
         return danger, plain(self.robot.coupling.values(Q))

@@ -2,12 +2,13 @@
 
 A moving point source r at the distance ρ from p, with the velocity v, has the field
 
-    k₁/‖ρ‖ + k₂ (γ ‖v‖/‖ρ‖² + ρ·v/‖ρ‖³),    ρ = p − r:
+    k₁/‖ρ‖ + k₂ (γ ‖v‖/‖ρ‖² + ρ·v/‖ρ‖³),    ρ = p − r.
 
-its static field, more of it the faster it is (γ), and more of it where it is headed. Over a link, whose points move
-with v(t) = v_a + t(v_b − v_a), the integrals are closed (`danger/moving.pyx`). The last one is the
-rate of the static field, so that γ = 0 is the danger predicted k₂/k₁ seconds ahead; γ ≥ 1 keeps the whole no less than
-the static field. They are exact to 1e-8 for points that are no farther than some twenty lengths from a link.
+The first term is the static field. The second term grows with the speed in all directions (γ), and the third with the
+velocity towards p. Over a link, whose points move with v(t) = v_a + t(v_b − v_a), the integrals have closed forms
+(`danger/moving.pyx`). The third term is the rate of the static field, so that γ = 0 is the danger predicted k₂/k₁
+seconds ahead. With γ ≥ 1 the field is never less than the static field. The closed forms are exact to 1e-8 for points
+within about twenty link lengths.
 """
 
 from __future__ import annotations
@@ -27,14 +28,14 @@ from safe_ompl.robot import plain
 class KinetostaticField:
     """Kinetostatic danger field at danger points, aggregate_m w_m KDF(p_m; q, q̇) (Lacevic & Rocco, T-RO 2013).
 
-    KDF = k₁ φ + k₂ (φ̇ + γ I): the static field of the links, its rate, and the part that grows with speed whatever its
-    direction; see `safe_ompl.danger.kinetostatic`. At rest it is the static danger field.
+    KDF = k₁ φ + k₂ (φ̇ + γ I): the static field of the links, its rate, and a term that grows with speed in any
+    direction; see `safe_ompl.danger.kinetostatic`. At rest it equals the static danger field.
 
     Parameters
     ----------
     field : DangerField
         The static field: robot, danger points, weights, aggregate, weighting, k₁, k₂ and γ. With γ ≥ 1 motion never
-        makes the danger less than at rest; with 0 it is the danger predicted k₂/k₁ ahead.
+        makes the danger less than at rest. With γ = 0 the danger is predicted k₂/k₁ ahead.
 
     Examples
     --------
@@ -54,20 +55,20 @@ class KinetostaticField:
 
     @property
     def lead(self) -> float:
-        """k₂/k₁ [s]: how far ahead the danger is predicted."""
+        """k₂/k₁ [s]: the time by which the danger is predicted ahead."""
         return self.k2 / self.field.k1
 
     def value(self, q: ArrayLike, qd: ArrayLike) -> float:
-        """Return the danger at `q: (n,)` while the joints move at `qd: (n,)` [rad/s or m/s].
+        """Return the danger at `q: (n,)` with joint velocities `qd: (n,)` [rad/s or m/s].
 
-        Raises InputError if an array has the wrong shape or is not finite; so do the other methods.
+        Raises InputError if an array has the wrong shape or is not finite, as do the other methods.
         """
         n = self.field.robot.n
         rates = finite_array(qd, (n,), "joint velocities")
         return float(self.values(configuration(q, n)[None], rates[None])[0])
 
     def values(self, Q: ArrayLike, Qd: ArrayLike) -> FloatArray:
-        """Return the danger (B,) at `Q: (B, n)` while the joints move at `Qd: (B, n)`."""
+        """Return the danger (B,) at `Q: (B, n)` with joint velocities `Qd: (B, n)`."""
         Q, Qd = self._states(Q, Qd)
         field = self.field.frozen()
         if field.aggregate == "max" and len(field.points):
@@ -76,14 +77,14 @@ class KinetostaticField:
         return field.aggregated(self._fields(field, *field.robot.keypoint_motions(Q, Qd)[:2]))
 
     def gradients(self, Q: ArrayLike, Qd: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return the gradients (B, n) of the danger by the configuration and by the joint velocities.
+        """Return the gradients (B, n) of the danger with respect to the configuration and to the joint velocities.
 
-        Danger points are held where they are; see the notes of `DangerField`.
+        Danger points are held fixed; see the notes of `DangerField`.
         """
         return self.values_and_gradients(Q, Qd)[1:]
 
     def values_and_gradients(self, Q: ArrayLike, Qd: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the danger (B,) and its gradients (B, n) by configuration and by joint velocities."""
+        """Return the danger (B,) and its gradients (B, n) with respect to configuration and joint velocities."""
         Q, Qd = self._states(Q, Qd)
         field = self.field.frozen()
         points = field.points
@@ -108,7 +109,7 @@ class KinetostaticField:
         return dangers, coupling.columns(by_q), coupling.columns(by_qd)
 
     def _highest(self, field: DangerField, Q: FloatArray, Qd: FloatArray) -> tuple[Any, ...]:
-        """Return the largest danger (B,) of all points, of which one, and places and velocities (B, K, 3)."""
+        """Return the largest danger (B,), the index of its point, and key point positions and velocities (B, K, 3)."""
         coupling = field.robot.coupling
         field.count(len(Q), len(field.points))
         joints = plain(coupling.values(Q)), plain(coupling.motions(Qd))
@@ -118,12 +119,12 @@ class KinetostaticField:
         return found
 
     def _fields(self, field: DangerField, places: FloatArray, velocities: FloatArray) -> FloatArray:
-        """Return KDF(p_m), (B, M)."""
+        """Return the field KDF(p_m), (B, M), at all danger points."""
         field.count(len(places), len(field.points))
         state, isotropic = (plain(places), plain(velocities), field.links, plain(field.points)), self.gamma > 0
         static, ahead, around = moving.link_terms(*state, self._by_length, isotropic)
         with np.errstate(invalid="ignore"):
-            # On a segment the field is infinite, whatever the motion.
+            # On a segment the field is infinite at any velocity.
             levels: FloatArray = field.k1 * static + self.k2 * (ahead + self.gamma * around)
             return levels
 

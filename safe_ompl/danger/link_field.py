@@ -4,17 +4,17 @@ One link is the segment a → b. With u = p − a, v = p − b, S = ‖u‖ + �
 
     φ(p) = k₁ ∫₀¹ dt / ‖p − a − t(b − a)‖ = k₁ θ/ℓ,    θ = 2 atanh(ℓ/S) = log(1 + 2ℓ/(S − ℓ)),   eq. (4), (7)
 
-so that every link weighs the same (`weighting="unit"`). Over arc length (`"length"`, eq. 1) it is k₁ θ.
-The field of the robot is the sum over its links (5). On a segment it is +∞, and its gradient defined as zero.
+so that every link has the same weight (`weighting="unit"`). Over arc length (`"length"`, eq. 1) it is k₁ θ. The field
+of the robot is the sum over its links (5). On a segment it is +∞, and its gradient is defined as zero.
 
-Only S − ℓ cancels. Close to a segment it comes from S² − ℓ² = 2 (‖u‖‖v‖ + u·v) = 2 ‖u × v‖²/(‖u‖‖v‖ − u·v),
-of which one form never does. With unit vectors e₁ = u/‖u‖, e₂ = v/‖v‖ the derivatives are
+Only S − ℓ suffers from cancellation. Close to a segment it is computed from S² − ℓ² = 2 (‖u‖‖v‖ + u·v) = 2 ‖u ×
+v‖²/(‖u‖‖v‖ − u·v), of which one form never cancels. With unit vectors e₁ = u/‖u‖, e₂ = v/‖v‖ the derivatives are
 
     ∂φ/∂p = −k₁c (e₁ + e₂),  ∂φ/∂a = k₁ (c e₁ − κ (b − a)),  ∂φ/∂b = k₁ (c e₂ + κ (b − a)),
     c = 2/(S² − ℓ²),   κ = (cS − θ/ℓ)/ℓ².
 
-The loops are in `static.pyx` and, for several points or configurations at once, in `lanes.pyx`. Here k₁ = 1, key points
-are (B, K, 3) [m], `links: (L, 2)` are pairs of them, and points (M, 3) [m].
+The loops are in `static.pyx`, and in `lanes.pyx` for several points or configurations at once. Here k₁ = 1, key points
+are (B, K, 3) [m], `links: (L, 2)` are pairs of their indices, and points are (M, 3) [m].
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from safe_ompl.robot import plain
 
 Weighting: TypeAlias = Literal["unit", "length"]
 WEIGHTINGS: tuple[Weighting, ...] = ("unit", "length")
-# A group has at most this many danger points.
+# Largest number of danger points in a group.
 _GROUP = 64
 
 
 def columns(points: FloatArray) -> FloatArray:
-    """Return points (M, 3) as (3, M), the way kernels read them."""
+    """Return points (M, 3) as contiguous columns (3, M), the layout of the kernels."""
     return plain(points.T)
 
 
@@ -49,7 +49,7 @@ def field(keypoints: FloatArray, links: IntArray, points: FloatArray, weighting:
 def segment_fields(
     keypoints: FloatArray, links: IntArray, points: FloatArray, weighting: Weighting = "unit"
 ) -> FloatArray:
-    """Return the field of every segment on its own, φ_l(p), (B, L, M), eq. (7)."""
+    """Return the field of each segment, φ_l(p), (B, L, M), eq. (7)."""
     return static.link_fields(plain(keypoints), links, columns(points), weighting == "length", False)
 
 
@@ -61,10 +61,10 @@ def segment_distances(keypoints: FloatArray, links: IntArray, points: FloatArray
 def segment_bounds(fields: FloatArray, distances: FloatArray, displacement: FloatArray | float) -> FloatArray:
     """Return a proven upper bound of each segment's field after a motion, φ_l(q') ≤ φ_l(q) D_l/(D_l − δ_l), (B, L, M).
 
-    A point of the segment at distance ρ ≥ D from p that moves by at most δ < D stays at least ρ − δ away, and
-    1/(ρ − δ) ≤ (1/ρ) D/(D − δ); the integral (4) inherits the bound. With `weighting="length"` it holds for
-    segments that keep their length. Neither end of a segment moves farther than the displacement δ_l ≥ 0 [m]. +inf
-    where the segment may reach the point, δ_l ≥ D_l.
+    A point of the segment at distance ρ ≥ D from p that moves by at most δ < D stays at least ρ − δ away, and 1/(ρ − δ)
+    ≤ (1/ρ) D/(D − δ). The bound holds under the integral (4). With `weighting="length"` it holds for segments of
+    constant length. Neither end of a segment moves farther than the displacement δ_l ≥ 0 [m]. The bound is +inf where
+    the segment may reach the point, δ_l ≥ D_l.
     """
     room = distances - displacement
     apart = room > 0
@@ -75,8 +75,8 @@ def segment_bounds(fields: FloatArray, distances: FloatArray, displacement: Floa
 def vectors(keypoints: FloatArray, links: IntArray, points: FloatArray, weighting: Weighting = "unit") -> FloatArray:
     """Return the danger vectors CDF(p) ∇CDF(p)/‖∇CDF(p)‖, eq. (8), (B, M, 3), at points.
 
-    They point from p **towards** the robot: mapped through Jᵀ they push its links **away** from p. Zero where the
-    gradient is zero.
+    They point from p **towards** the robot. Mapped through Jᵀ they push its links **away** from p. They are zero where
+    the gradient is zero.
     """
     slopes = static.space_gradients(plain(keypoints), links, columns(points), weighting == "length")
     norm = np.linalg.norm(slopes, axis=-1)
@@ -87,9 +87,11 @@ def vectors(keypoints: FloatArray, links: IntArray, points: FloatArray, weightin
 
 
 class Groups(NamedTuple):
-    """M ≥ 1 danger points in G groups: columns (3, M + G), the points and a centre of each group; charges k₁w (M,).
+    """M ≥ 1 danger points in G groups.
 
-    Where the groups begin, and the last one ends, (G + 1,); radii (G,) [m] about the centres; largest charges (G,).
+    `columns` (3, M + G): the points, then a centre of each group. `charges` (M,): k₁w of the points. `begins` (G + 1,):
+    the first point of each group, and the end of the last one. `radii` (G,) [m]: about the centres. `heaviest` (G,):
+    largest charge of each group.
     """
 
     columns: FloatArray
@@ -100,9 +102,9 @@ class Groups(NamedTuple):
 
 
 class DangerPoints:
-    """Danger points (M, 3) [m] with weights (M,) > 0, None: 1; k₁ of the field scales their charges. Read-only.
+    """Danger points (M, 3) [m] with weights (M,) > 0 (None: 1). The charge of a point is its weight times k₁.
 
-    Raises InputError if points or weights have the wrong shape, are not finite, or weights are not positive.
+    Read-only. Raises InputError if points or weights have the wrong shape, are not finite, or weights are not positive.
     """
 
     def __init__(self, points: ArrayLike, weights: ArrayLike | None, k1: float) -> None:
@@ -124,7 +126,7 @@ class DangerPoints:
 
     @cached_property
     def groups(self) -> Groups:
-        """The points in groups of neighbours of the same weight; there is one at least."""
+        """The points in groups of neighbours with equal weights. There must be at least one point."""
         points, charges = self.points, self.table.charges
         waiting, groups = [np.flatnonzero(charges == charge) for charge in np.unique(charges)], []
         while waiting:
