@@ -169,7 +169,7 @@ class CollisionChecker:
         return None if pair is None else self.pair_names[pair]
 
     def distances(self, q: ArrayLike) -> FloatArray:
-        """Return the distance [m] of every moving body to every obstacle at `q: (n,)`, as `distance_names` lists them."""
+        """Return the distance [m] of every moving body to every obstacle at `q: (n,)`; see `distance_names`."""
         return np.asarray(self.all_distances(configuration(q, self.robot.n)[None])[0])
 
     def all_distances(self, Q: ArrayLike) -> FloatArray:
