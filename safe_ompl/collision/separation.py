@@ -18,7 +18,7 @@ from safe_ompl.geometry import DISTANCE_ERROR
 
 @dataclass(frozen=True)
 class MinClearance:
-    """A distance [m] that links must keep from obstacles; exempt pairs of link and obstacle only must not touch."""
+    """A distance [m] that links must keep from obstacles. Exempt pairs of link and obstacle must only not touch."""
 
     distance: float
     obstacles: tuple[str, ...]
@@ -32,11 +32,12 @@ class MinClearance:
         exempt: Sequence[tuple[str, str]],
         checker: CollisionChecker,
     ) -> MinClearance | None:
-        """Return what is asked for; None where the distance [m] is 0.
+        """Return the requested clearance, or None if the distance [m] is 0.
 
-        It is kept from these obstacles, by default from those of the scene with a danger weight, such as people. Pairs
-        of a link and an obstacle that are exempt must only not touch. Raises InputError if the distance is not a finite
-        number ≥ 0, there is nothing to keep it from, no such obstacle or link, or no moving link is left to keep it.
+        Links keep the distance from the given obstacles, by default from those of the scene with a danger weight, such
+        as people. Exempt pairs of a link and an obstacle must only not touch. Raises InputError if the distance is not
+        a finite number ≥ 0, if there are no obstacles to keep it from, if an obstacle or link is unknown, or if all
+        moving links are exempt.
         """
         scene, bodies = checker.scene, checker.robot.shared.collision_model.geometryObjects
         distance = number("min clearance", distance, at_least=0.0, kind="length [m]")
@@ -69,28 +70,29 @@ class MinClearance:
         return self.distance if obstacle in self.obstacles and (link, obstacle) not in self.exempt else 0.0
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as plain numbers, lists and strings."""
+        """Return the clearance as plain numbers, lists and strings."""
         exempt = sorted([link, obstacle] for link, obstacle in self.exempt)
         return {"distance": self.distance, "obstacles": list(self.obstacles), "exempt": exempt}
 
 
 @dataclass(frozen=True)
 class Separation:
-    """The separation required between a robot and obstacles; by default they must not touch.
+    """The separation required between a robot and obstacles. By default they must not touch.
 
     Attributes
     ----------
     min_clearance : MinClearance or None
         The distance that links must keep from chosen obstacles.
     margin : float
-        [m] What every link must keep from every obstacle. The larger of the two counts.
+        [m] The distance that every link must keep from every obstacle. The larger of the two distances counts.
     speeds : mapping of str to float
-        Bound of the speed [m/s] of the obstacles that move, by name. The others stand still.
+        Bound of the speed [m/s] of each moving obstacle, by name. The other obstacles stand still.
     time : float
-        [s] How long after the moment of the scene motions may be driven. What obstacles may move until then is added.
+        [s] The time after the instant of the scene within which motions may be executed. The distance that obstacles
+        may move in this time is added.
     tube : tuple of float
-        How far each of the n joints may be from where it should be [rad or m]; empty: nowhere else. What is proven
-        holds for every motion within this of the one that is checked, and within the limits of joints that slide.
+        Largest deviation of each of the n joints [rad or m]; empty: none. Proofs hold for every motion within this
+        deviation of the checked motion, and within the limits of prismatic joints.
 
     Raises
     ------
@@ -126,7 +128,7 @@ class Separation:
         obstacles: Sequence[str] | None = None,
         exempt: Sequence[tuple[str, str]] = (),
     ) -> Separation:
-        """Return the same with another distance from chosen obstacles; arguments and errors of `MinClearance.of`."""
+        """Return a copy with another distance from chosen obstacles; arguments and errors as `MinClearance.of`."""
         return replace(self, min_clearance=MinClearance.of(distance, obstacles, exempt, checker))
 
     def required(self, checker: CollisionChecker) -> RequiredDistances:
@@ -135,14 +137,14 @@ class Separation:
         Raises
         ------
         InputError
-            If the tube is not of the robot's joints.
+            If the tube does not have one width per joint of the robot.
         UnknownNameError
-            If its scene has no obstacle of a name.
+            If the separation names an obstacle that the scene does not have.
         """
         speeds, time = self.speeds, self.time
         kept_from = () if self.min_clearance is None else self.min_clearance.obstacles
         for name in (*speeds, *kept_from):
-            # This raises an error if there is no such obstacle.
+            # This lookup raises an error if there is no such obstacle.
             checker.scene[name]
         pairs = checker.pairs_within(self.reach + self.swing(checker))
         wanted, kept = self.min_clearance, pairs.margins(self.margin)
@@ -158,7 +160,7 @@ class Separation:
 
     @property
     def travel(self) -> float:
-        """How far an obstacle may move [m]."""
+        """The largest distance that an obstacle may move [m]."""
         return max(self.speeds.values(), default=0.0) * self.time
 
     @property
@@ -168,7 +170,7 @@ class Separation:
         return max(self.margin, least) + self.travel
 
     def swing(self, checker: CollisionChecker) -> float:
-        """Return how far [m] any body may be from where it should be, because joints are elsewhere in the tube."""
+        """Return how far [m] any body may deviate because of the tube."""
         if not self.tube:
             return 0.0
         widths = finite_array(self.tube, (checker.robot.n,), "tube")
@@ -176,15 +178,15 @@ class Separation:
 
 
 TOUCHING_ONLY: Separation = Separation()
-# Queries add the distance error, so that they require what distance bounds require.
+# Queries add the distance error, so with this value they require what distance bounds require.
 _SPARE = ALLOWANCE - DISTANCE_ERROR  # [m]
 
 
 class RequiredDistances:
-    """Distances (P,) [m] that pairs of bodies must keep: `least`.
+    """Distances `least` (P,) [m] that pairs of bodies must keep.
 
-    `allowed_for` has besides what distance bounds keep, so that coal agrees; `provable` are the least margins of
-    queries that prove anything; `any` says whether any pair must keep more than not touching.
+    `allowed_for` adds the allowance of distance bounds, so that coal confirms what bounds prove. `provable` are the
+    smallest query margins that prove anything. `any` tells whether any pair must keep more than not touching.
     """
 
     def __init__(self, pairs: PairSet, least: FloatArray) -> None:
@@ -195,7 +197,10 @@ class RequiredDistances:
         self.any = bool(least.any())
 
     def violated(self, q: FloatArray) -> bool:
-        """Return whether a pair is nearer than it must be at `q: (n,)`; pairs that need only not touch do not count."""
+        """Return whether a pair is nearer than it must be at `q: (n,)`.
+
+        Contact of pairs with distance 0 is not checked.
+        """
         return self.any and self.pairs.within_margins(q, self.least)
 
     def violating_pair(self, q: FloatArray) -> tuple[str, str] | None:

@@ -1,4 +1,4 @@
-"""Limits of the tool that are proven along whole motions: upright within an angle, the tip inside a box."""
+"""Limits of the tool that are proven along whole motions: the tilt of an axis, and the position of the tip in a box."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from safe_ompl.collision.motion import MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, finite_array, float_array, motion_ends, number
 from safe_ompl.robot import Robot
 
-# A motion that comes nearer to its limit than about this stays undecided.
+# A motion stays undecided if it comes closer to its limit than about this.
 _FLOOR = 1e-4  # [rad or m]
-# The rounding of kinematics. A proven motion keeps this distance from its limit.
+# Rounding error of kinematics. A proven motion keeps this distance from its limit.
 _KINEMATICS_ROUNDING = 1e-9  # [rad or m]
 _LEAST_LENGTH = 1e-9  # of a direction
 
@@ -25,8 +25,7 @@ class ToolLimit(ABC):
 
     While the joints move by Δ, its `excess` changes by at most Σ_i r_i·|Δ_i| with constant rates r (n,). If the excess
     at the centre of an interval of half-length s (a fraction of the edge) is below −s·Σ_i r_i·|Δ_i|, the whole interval
-    keeps to the limit; an interval that fails is halved, down to a change of 1e-4. The `name` says what it limits, for
-    reports.
+    keeps the limit. An interval that fails is halved, down to a change of 1e-4. Reports use the `name`.
     """
 
     name: str
@@ -38,31 +37,31 @@ class ToolLimit(ABC):
 
     @abstractmethod
     def excess(self, q: ArrayLike) -> float:
-        """Return by how much [rad or m] the limit is exceeded at `q: (n,)`; ≤ 0 where it is kept."""
+        """Return by how much [rad or m] the limit is exceeded at `q: (n,)`; ≤ 0 if the limit holds."""
 
     @abstractmethod
     def objection(self, q: ArrayLike) -> str:
-        """Return in words what exceeds the limit at `q: (n,)`."""
+        """Return a text that says how the limit is exceeded at `q: (n,)`."""
 
     def allows(self, q: ArrayLike) -> bool:
-        """Return whether the limit is kept at `q: (n,)`."""
+        """Return whether the limit holds at `q: (n,)`."""
         return self.excess(q) <= 0.0
 
     def holds_within(self, q: FloatArray, steps: FloatArray) -> bool:
-        """Return whether the limit is proven to be kept while the joints are within `steps: (n,)` of `q: (n,)`."""
+        """Return whether the limit is proven while the joints are within `steps: (n,)` of `q: (n,)`."""
         return self.excess(q) + float(self.rates @ steps) + _KINEMATICS_ROUNDING <= 0.0
 
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
-        """Check the straight motion between two configurations (n,); raise InputError for others.
+        """Check the straight motion between two configurations (n,). Raises InputError if they are invalid.
 
-        FREE: every configuration keeps to the limit, proven. BLOCKED: the one at `at` does not. UNDECIDED: near `at`
-        the limit is too near to tell. The `pair` is the limit's name and "its limit".
+        FREE: the limit is proven for every configuration. BLOCKED: the configuration at `at` exceeds the limit.
+        UNDECIDED: near `at` the excess is too small for a proof. The `pair` is the limit's name and "its limit".
         """
         first, last = motion_ends(start, end, self.robot.n)
         delta = self.robot.difference(first, last)
         change = float(self.rates @ np.abs(delta))
         witness = (self.name, "its limit")
-        # A heap with the interval of the worst centre on top.
+        # The heap has the interval with the worst centre on top.
         unproven: list[tuple[float, float, float]] = []
         # Most refused motions are refused at one of their ends.
         intervals = [(0.0, 0.0), (1.0, 0.0), (0.5, 0.5)]
@@ -87,18 +86,18 @@ class ToolOrientation(ToolLimit):
     Parameters
     ----------
     robot : Robot
-        The robot; the axis is fixed to its tip.
+        The robot. The axis is fixed to its tip.
     axis, direction : array_like, shape (3,)
-        The axis, in the frame of the tip, and where it is to point, in the world frame; of any length but 0.
+        The axis in the frame of the tip, and its wanted direction in the world frame, with any length but 0.
     angle : float
         [rad] The largest angle between the two, in (0, π].
 
     Notes
     -----
-    The axis a moves with ω × a, where ω = Σ_j z_j·dq_j sums over the joints that turn the tip: |ω × a| ≤ Σ_j sin β_j
-    |dq_j|, with β_j the largest angle (up to 90°) that the axis of joint j can have with it: nothing where a wrist
-    turns about the axis itself. Joints that slide turn nothing; mimic joints count with their multipliers. No joint
-    limit is used.
+    The axis a moves with ω × a, where ω = Σ_j z_j·dq_j sums over the revolute joints before the tip: |ω × a| ≤ Σ_j sin
+    β_j |dq_j|. β_j is the largest angle (up to 90°) between the axis of joint j and a, so a wrist that turns about a
+    itself adds nothing. Prismatic joints add nothing. Mimic joints count with their multipliers. Joint limits are not
+    used.
 
     Examples
     --------
@@ -129,12 +128,12 @@ class ToolOrientation(ToolLimit):
         return self.angle(q) - self.limit
 
     def objection(self, q: ArrayLike) -> str:
-        """Return the angle and its limit in words."""
+        """Return a text with the angle and its limit."""
         tilt, limit = np.degrees([self.angle(q), self.limit])
         return f"the tool is {tilt:.4g}° from its direction, {limit:.4g}° are allowed"
 
     def as_dict(self) -> dict[str, object]:
-        """Return it as plain numbers, as certificates claim it."""
+        """Return the limit as plain numbers, as certificates claim it."""
         return {"axis": self.axis.tolist(), "direction": self.direction.tolist(), "angle": self.limit}
 
 
@@ -170,16 +169,16 @@ class TipBounds(ToolLimit):
         return f"TipBounds({self.lower.tolist()}, {self.upper.tolist()})"
 
     def excess(self, q: ArrayLike) -> float:
-        """Return how far [m] the tip is outside of the nearest wall at `q: (n,)`; negative inside."""
+        """Return how far [m] the tip is outside of the box at `q: (n,)`; inside, minus the distance to the nearest wall."""
         tip = self.robot.tip_pose(q).translation
         return float(max((self.lower - tip).max(), (tip - self.upper).max()))
 
     def objection(self, q: ArrayLike) -> str:
-        """Return how far outside the tip is, in words."""
+        """Return a text that says how far outside the tip is."""
         return f"the tip is {1e3 * self.excess(q):.4g} mm outside of its bounds"
 
     def as_dict(self) -> dict[str, object]:
-        """Return the bounds of x, y and z that are finite, as certificates claim them."""
+        """Return the finite bounds of x, y and z, as certificates claim them."""
         largest = float(np.finfo(np.float64).max)
         bounds = dict(zip("xyz", zip(self.lower, self.upper, strict=True), strict=True))
         return {
@@ -190,17 +189,17 @@ class TipBounds(ToolLimit):
 
 
 def _turning_rates(robot: Robot, axis: FloatArray) -> FloatArray:
-    """Return by how much (m,) each of the model's joints turns an axis of the tip, at most, per radian of its own.
+    """Return bounds (m,) of the rotation of a tip axis per radian of each of the model's joints.
 
-    Going from the tip towards the base, the angle between a joint's axis and the tool's lies in an interval: the tool
-    turns about the joint above on a cone, and the angle to the joint below differs by up to the cone's from that
-    between the two joints.
+    The recursion goes from the tip towards the base. The angle between a joint's axis and the tool's axis lies in an
+    interval: the tool's axis turns about the previous joint on a cone. The angle to the next joint differs from the
+    angle between both joints by at most the half-angle of the cone.
     """
     chain = robot.shared.chain
     rates = np.zeros(len(chain.parents))
     # The axis of the tool in the frame of the joint that carries the tip.
     tool: FloatArray = robot.tip_placement.rotation @ axis
-    # The tool's axis makes angles in this range with `tool`, whatever the joints beyond.
+    # Range of the angle between the tool's axis and `tool`, for any values of the joints beyond.
     low = high = 0.0
     for i in chain.path_to_root(robot.tip_joint):
         if not chain.prismatic[i]:

@@ -1,4 +1,4 @@
-"""Constraints: what every configuration and every motion must keep to, and the check of configurations."""
+"""Constraints on every configuration and motion, and the check of single configurations."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _TOGETHER = 64  # configurations
 
 
 class UserCheck(ABC):
-    """The user's own state validity checker: a `MotionLimit` for `MotionProver.limits`, asked at samples of motions.
+    """The user's own state validity checker, a `MotionLimit` for `MotionProver.limits` that is evaluated at samples.
 
-    Reports call it `name`. Samples are no farther apart than `resolution` [rad or m]. It proves nothing.
+    Reports call it `name`. Samples are at most `resolution` [rad or m] apart. Sampling proves nothing.
     """
 
     name: str
@@ -43,17 +43,18 @@ class UserCheck(ABC):
 
     @abstractmethod
     def allows(self, q: FloatArray, state: Any = None) -> bool:
-        """Return what it says of a configuration (n,), or of the same as an OMPL state."""
+        """Return whether the user's checker accepts a configuration (n,), which may also be given as an OMPL state."""
 
 
 @dataclass(frozen=True)
 class Constraints:
-    """What every configuration and every motion must keep to, besides joint limits and collision.
+    """Requirements on every configuration and every motion, besides joint limits and collision.
 
-    Others are put in place with `setConstraints`, as ``setConstraints(replace(getConstraints(), danger=None))``.
-    `separation` is the distances from obstacles, at rest or moving; `danger` the largest one; `tool` limits orientation
-    and place of the tool; `user` is the user's own state validity checker, which nothing can be proven of. A minimum
-    clearance `from_dangerous` [m], with its exempt pairs, is kept from whatever is dangerous, in any scene.
+    Constraints are changed with `setConstraints`, as ``setConstraints(replace(getConstraints(), danger=None))``.
+    `separation` holds the distances from obstacles, at rest or moving; `danger` the largest danger; `tool` limits of
+    the orientation and position of the tool. `user` is the user's own state validity checker, for which nothing can be
+    proven. `from_dangerous` is a minimum clearance [m] from all dangerous obstacles of any scene, with its exempt
+    pairs.
 
     Examples
     --------
@@ -72,28 +73,28 @@ class Constraints:
 
     @property
     def limits(self) -> tuple[MotionLimit, ...]:
-        """All but the separation, in the order in which `MotionProver` proves or asks."""
+        """All limits except the separation, in the order in which `MotionProver` checks them."""
         limits = (self.user, *self.tool, self.danger)
         return tuple(limit for limit in limits if limit is not None)
 
     def tool_limit(self, kind: type[Limit]) -> Limit | None:
-        """Return the limit of the tool that is of a kind, if there is one."""
+        """Return the tool limit of the given class, or None."""
         return next((limit for limit in self.tool if isinstance(limit, kind)), None)
 
     def with_min_clearance(
         self, checker: CollisionChecker, distance: float, obstacles: Sequence[str] | None = None, exempt: Pairs = ()
     ) -> Constraints:
-        """Return the same with another distance from chosen obstacles; arguments and errors of `MinClearance.of`."""
+        """Return a copy with another distance from chosen obstacles; arguments and errors as `MinClearance.of`."""
         separation = self.separation.with_min_clearance(checker, distance, obstacles, exempt)
         from_dangerous = (distance, tuple(exempt)) if obstacles is None else None
         return replace(self, separation=separation, from_dangerous=from_dangerous)
 
     def with_separation(self, **changed: Any) -> Constraints:
-        """Return the same with other `speeds`, `time` or `tube` of the separation."""
+        """Return a copy with other `speeds`, `time` or `tube` of the separation."""
         return replace(self, separation=replace(self.separation, **changed))
 
     def in_scene_of(self, checker: CollisionChecker) -> Constraints:
-        """Return the same in another scene, in which other obstacles may be dangerous."""
+        """Return a copy for another scene, in which other obstacles may be dangerous."""
         if self.from_dangerous is None:
             return self
         distance, exempt = self.from_dangerous
@@ -103,13 +104,13 @@ class Constraints:
         return replace(self, separation=separation)
 
     def borrowed(self) -> Constraints:
-        """Return the same without keeping the user's checker alive, for what OMPL never frees."""
+        """Return a copy that does not keep the user's checker alive, for objects that OMPL never frees."""
         borrows = self.user is None or isinstance(self.user, ProxyType)
         return self if borrows else replace(self, user=proxy(self.user))
 
 
 def claims_of(motion: MotionProver) -> tuple[str, ...]:
-    """Return what a proof by this validator is of: not of the user's own checks, which are sampled, or asked."""
+    """Return the claims that the prover proves. Checks of the user are sampled, so they are not included."""
     touched = any(obstacle.touched_by for obstacle in motion.checker.scene)
     claims = ["collision but for allowed contact" if touched else "collision"]
     separation = motion.separation
@@ -125,7 +126,7 @@ def claims_of(motion: MotionProver) -> tuple[str, ...]:
 
 
 class ConfigurationCheck:
-    """Says of configurations whether constraints allow them; an UnknownNameError if these name no obstacle."""
+    """Checks whether constraints allow configurations. Raises UnknownNameError if the constraints name no obstacle."""
 
     def __init__(self, checker: CollisionChecker, constraints: Constraints) -> None:
         self.checker, self.constraints = checker, constraints
@@ -138,13 +139,16 @@ class ConfigurationCheck:
         return self.checker.robot.joint_limits.hold(q)
 
     def allows(self, q: FloatArray, state: Any = None) -> bool:
-        """Return whether `q: (n,)` is finite, within the joint limits, and allowed; it may also be given as a state."""
+        """Return whether `q: (n,)` is finite, within the joint limits, and allowed.
+
+        `state` is the same configuration in OMPL.
+        """
         if not self.checker.robot.joint_limits.hold(q) or self.checker.touches(q) or self._required.violated(q):
             return False
         return self._allows_free(q, state)
 
     def allowed(self, Q: FloatArray) -> Iterator[FloatArray]:
-        """Yield those of `Q: (B, n)` that are allowed, in order; bounds of distances say so of most, many at once."""
+        """Yield the allowed rows of `Q: (B, n)` in order. Distance bounds decide most rows in batches."""
         required, limits = self._required, self.checker.robot.joint_limits
         for some in (Q[k : k + _TOGETHER] for k in range(0, len(Q), _TOGETHER)):
             edges, within = limits.table.edges(some, some)  # motions that stand still
@@ -156,7 +160,7 @@ class ConfigurationCheck:
                     yield q
 
     def _allows_free(self, q: FloatArray, state: Any = None) -> bool:
-        """Return whether `q: (n,)`, within the limits and as far from everything as it must be, is allowed."""
+        """Return whether limits allow `q: (n,)`, which is within the joint limits and keeps all distances."""
         if self._tool and not all(limit.allows(q) for limit in self._tool):
             return False
         if self._danger is not None and not self._danger.allows(q):
@@ -164,7 +168,7 @@ class ConfigurationCheck:
         return self._user is None or self._user.allows(q, state)
 
     def objection(self, q: FloatArray) -> str | None:
-        """Return why `q: (n,)` is not allowed, in words that follow the name of a configuration; None where it is."""
+        """Return why `q: (n,)` is not allowed, as a text to follow a configuration's name, or None if it is allowed."""
         separation, limit = self.constraints.separation, self._danger
         beyond = self.checker.robot.beyond_limits(q)
         if beyond is not None:

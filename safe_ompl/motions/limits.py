@@ -1,4 +1,4 @@
-"""Joint limits of a trajectory: velocities, accelerations and, if wanted, jerks."""
+"""Joint limits of a trajectory: velocities, accelerations and, optionally, jerks."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ _log = logging.getLogger(__name__)
 
 LimitByJoint: TypeAlias = float | Mapping[str, float] | ArrayLike
 RATE_TOLERANCE = (1e-6, 1e-6, 1e-6, 1e-3)
-"""Of positions, velocities, accelerations and jerks [rad or m, s], for files and solvers round.
+"""Tolerances of positions, velocities, accelerations and jerks [rad or m, s], because files and solvers round.
 
-Rates may be so much above their limits, and what must be continuous may jump so far. No faster than this is at rest.
+Values may exceed their limits, and jump where they must be continuous, by this much. Slower motion counts as rest.
 """
-# Where no limit of the acceleration is known a joint reaches its velocity in this time.
+# Without a known acceleration limit, a joint is assumed to reach its velocity limit in this time.
 _DEFAULT_RISE_TIME = 0.25  # [s]
-# From here on a velocity in a URDF stands for none.
+# A velocity limit in a URDF from this value on means that there is no limit.
 _UNLIMITED_VELOCITY = 1e3  # [rad/s or m/s]
 
 
 @dataclass(frozen=True)
 class RateLimits:
-    """Largest velocity and acceleration of each joint, and its largest jerk where that is limited.
+    """Largest velocity, acceleration and (optionally) jerk of each joint.
 
     Parameters
     ----------
@@ -45,7 +45,8 @@ class RateLimits:
     Raises
     ------
     InputError
-        If a limit is missing, or absurd: negative, a velocity of 1000 rad/s; names the joint.
+        If a limit is missing or implausible, such as a negative one or a velocity of 1000 rad/s. The error names the
+        joint.
 
     Examples
     --------
@@ -61,7 +62,7 @@ class RateLimits:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """What is limited: "velocity", "acceleration", and "jerk" where it is."""
+        """The limited quantities: "velocity", "acceleration", and "jerk" if it is limited."""
         return ("velocity", "acceleration") if self.jerk is None else ("velocity", "acceleration", "jerk")
 
     def __post_init__(self) -> None:
@@ -80,20 +81,20 @@ class RateLimits:
         acceleration: LimitByJoint | None = None,
         jerk: LimitByJoint | None = None,
     ) -> RateLimits:
-        """Return the limits of a robot; each is one for all joints, a mapping of those of some, or (n,).
+        """Return the limits of a robot. Each limit is a number for all joints, a mapping for some joints, or (n,).
 
         Parameters
         ----------
         robot : Robot
             The robot.
         velocity, acceleration, jerk : float, mapping of str to float, or array_like of shape (n,), optional
-            Default: the URDF's velocities; the robot's own accelerations (`Robot.with_accelerations`, or its entry in a
-            scenario), and where it has none what reaches the velocity limit in 0.25 s, with a warning: URDFs have no
-            such limits; the jerks of the robot's `joint_limits`, and where it has none no limit of the jerk, which
-            otherwise is one of all joints.
+            Default velocity: the URDF's. Default acceleration: the robot's own (`Robot.with_accelerations`, or its
+            entry in a scenario); without one, the acceleration that reaches the velocity limit in 0.25 s, with a
+            warning, because URDFs have no acceleration limits. Default jerk: that of the robot's `joint_limits`;
+            without one the jerk is not limited. If the jerk is limited, it must be limited for all joints.
 
-        An InputError if the URDF has no velocity for a joint and none is given, or as the class; an UnknownNameError if
-        there is no such joint.
+        Raises InputError if the URDF has no velocity for a joint and none is given, or as the class; UnknownNameError
+        if there is no such joint.
         """
         names, model = robot.joint_names, robot.shared.model
         planned = [model.joints[model.getJointId(name)].idx_v for name in names]
@@ -120,7 +121,8 @@ class RateLimits:
                 f"{_DEFAULT_RISE_TIME:g} s are assumed ({span}); give accelerations",
             )
         if jerk is None and robot.jerks:
-            # A time law limits the jerk of all joints or of none: of the others it may be as high as any.
+            # A time law limits the jerk of all joints or of none, so the other joints get the largest jerk that is
+            # accepted.
             jerk = {name: robot.jerks.get(name, RATE_BOUNDS["jerk"]["at_most"]) for name in names}
         if isinstance(jerk, Mapping) and (missing := [name for name in names if name not in jerk]):
             raise InputError(f"joint {missing[0]!r} has no jerk limit; give those of all joints, or none")
@@ -128,7 +130,7 @@ class RateLimits:
         return cls(names, velocities, accelerations, jerks)
 
     def as_dict(self) -> dict[str, dict[str, float]]:
-        """Return velocity and acceleration by joint, and the jerk where it is limited."""
+        """Return velocity, acceleration and, if limited, jerk by joint."""
         return {kind: dict(zip(self.joint_names, getattr(self, kind).tolist(), strict=True)) for kind in self.kinds}
 
 

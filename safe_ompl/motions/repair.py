@@ -1,11 +1,12 @@
-"""Repair of motions that are not proven: as little change as possible, ends and form kept, and proven afterwards.
+"""Repair motions that are not proven: change as little as possible, keep the ends and the form, and prove the result.
 
-A motion is q(t) + Σ_j B_j(t) x_j, where q is the one given and the B_j are B-splines of its degree, as smooth at its
-knots as it is itself; those that move its ends are left out. Where a pair p is too near at t, its distance must grow by
-what is missing: ∇d_p · Σ_j B_j(t) x_j ≥ missing, to the first order. The least Σ_j |x_j|² that does so for all places
-found so far is a small quadratic programme; the motion is proven anew, and new places are found, until nothing is left.
-Where that does not succeed, a planner finds a way round, and B-splines follow it. Where only rates exceed their limits,
-or stops are too late for people, the motion keeps its way and takes longer.
+The repaired motion is q(t) + Σ_j B_j(t) x_j, where q is the given motion and the B_j are B-splines of its degree with
+the same smoothness at its knots. B-splines that move the ends are left out. Where a pair p is too near at t, its
+distance must grow by the shortfall: ∇d_p · Σ_j B_j(t) x_j ≥ shortfall, to first order. The least Σ_j |x_j|² that
+satisfies this at all points found so far is a small quadratic programme. The motion is then proven again, and new
+points are added, until the motion is proven. If this fails, a planner finds a detour, and B-splines follow it. If only
+velocities, accelerations or jerks exceed their limits, or stops are too late for people, the motion keeps its path and
+takes longer.
 """
 
 from __future__ import annotations
@@ -25,40 +26,41 @@ from safe_ompl.motions.pieces import PieceProof, piece_proofs, proven_by_bounds
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People
 
-# Of M distances and limits of joints: the row of the configuration (M,), gradients (M, n), and what is missing (M,).
+# For M distances and joint limits: the configuration's row (M,), gradients (M, n), and the shortfalls (M,).
 Shortfalls = tuple[IntArray, FloatArray, FloatArray]
 # Finds a proven path (N, n) from one configuration to another.
 Connect = Callable[[FloatArray, FloatArray], "FloatArray | None"]
 
-# Spans [rad or m] into which pieces that are not proven, and those beside them, are divided, and how many displacements
-# are attempted. Short spans come first: they change less of the motion, but cannot move it as far.
+# Unproven pieces and their neighbours are divided into spans [rad or m]; the second number is the largest number of
+# attempts. Short spans come first: they change less of the motion, but cannot move it as far.
 _SPANS = ((0.06, 6), (0.2, 16))
 # Distances are looked at where a piece that is not proven is at these fractions.
 _GRADIENT_PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)
-# Distances should exceed the required ones by these lengths, in turn; so many attempts are made with each.
+# Fractions of an unproven piece at which distances are computed.
 _EXTRA_DISTANCES = (5e-4, 1e-3, 2e-3, 4e-3)  # [m]
 _ATTEMPTS = 4
-# Share of the moves found before that is kept: none in the first attempts, then more with each, so that attempts do not
-# alternate between two motions.
+# Share of the previous moves that is kept: none in the first attempts, then more with each attempt, so that attempts do
+# not alternate between two motions.
 _KEPT_SHARE, _MOST_KEPT_SHARE = 0.25, 0.9
-# Joints should keep so much from their limits.
+# Joint values should keep this distance from their limits.
 _LIMIT_MARGIN = 1e-4  # [rad or m]
 # Derivatives that differ by less at a knot, relative to their size, are equal.
 _EQUAL_DERIVATIVES = 1e-6
-# A planner's path must end no farther from where it should.
+# A planner's path must end at most this far from its goal.
 _EQUAL_ENDS = 1e-6  # [rad or m]
-# Moves below this are rounding.
+# Smaller moves are rounding errors.
 _NEGLIGIBLE_MOVE = 1e-12  # [rad or m]
-# The search for the constraints that bind takes at most so many rounds, and may violate one by so much.
+# Limits of the active-set method: the number of rounds, and the largest violation of a constraint.
 _MOST_ACTIVE_SET_ROUNDS = 100
 _CONSTRAINT_TOLERANCE = 1e-5  # [m or rad]
 # Relative regularisation, for constraints that contradict each other.
 _REGULARISATION = 1e-4
-# Distances that exceed what they should be by less are constraints, too.
+# Distances within this band above the wanted ones are constraints, too.
 _CONSTRAINT_BAND = 0.01  # [m]
-# A distance is to grow by at most this in one attempt: gradients hold near by only.
+# A distance may grow by at most this in one attempt, because gradients hold only nearby.
 _MOST_DISTANCE_GAIN = 0.03  # [m]
-# Kinds that time lowers, rates by its power; and factors of time: the largest, that of a trial, and of a search.
+# Kinds of violations that a slower motion removes, with the power of time by which they decrease. Then the slow-down
+# factors: the largest, the step of trials, and the precision of the bisection.
 _POWERS_OF_TIME = {"velocity": 1, "acceleration": 2, "jerk": 3, "separation": 0}
 _MOST_SLOWDOWN, _TRIAL_SLOWDOWN, _SLOWDOWN_PRECISION = 20.0, 1.3, 1.02
 # No B-spline moves a joint by more in one attempt.
@@ -67,27 +69,27 @@ _MOST_JOINT_MOVE = 0.3  # [rad or m]
 
 @dataclass(frozen=True)
 class Repair:
-    """A repaired motion; true if it is proven."""
+    """The result of a repair. It is true if the motion is proven."""
 
-    # The motion that was given where nothing had to change, or nothing near it can be proven.
+    # The repaired motion. It is the given motion if no change was needed, or if no motion nearby can be proven.
     motion: Motion
     check: MotionCheck  # of the repaired motion
-    # "unchanged"; "moved", by as little as possible; "planned": it follows a planner's way round somewhere; "slowed",
-    # or one of these before; or why nothing near could be proven
+    # "unchanged"; "moved", by as little as possible; "planned", if it follows a planner's detour; "slowed", or "… and
+    # slowed"; or the reason why no motion nearby could be proven.
     how: str
-    # How far any joint is from where it was at most, at the places looked at [rad or m]; the same of the tip [mm].
+    # Largest deviation of any joint from the given motion at the sampled points [rad or m], and of the tip [mm].
     deviation: float = 0.0
     tool_deviation: float = 0.0
-    # When joints are farthest, before the motion is slowed [s].
+    # Time of the largest deviation, before the motion is slowed [s].
     at: float = 0.0
-    # The stretches that differ [s].
+    # Time intervals in which the motion differs [s].
     changed: tuple[tuple[float, float], ...] = ()
-    # How many times as long it takes; all else is what it would be at its own pace.
+    # Factor of the duration. All other values are those before the motion is slowed.
     slower: float = 1.0
 
     @property
     def path(self) -> FloatArray:
-        """The way points (N, n), as it may be driven where it is straight between them; errors where it is not."""
+        """The way points (N, n) of a piecewise linear motion. Raises InputError if the motion is curved."""
         if self.motion.degree > 1:
             raise InputError("is curved: it has no path of straight lines", "motion")
         return self.motion.knots
@@ -115,11 +117,11 @@ def repair_with(
     connect: Connect | None = None,
     people: People | None = None,
 ) -> Repair:
-    """Return the motion with as little changed as a proof needs; as it was given, with the reason, where none is near.
+    """Repair a motion with the smallest change that makes it proven, or return it unchanged with the reason.
 
-    Its ends stay, and so do its degree, how smooth it is at its knots, and its times, but for one factor where rates
-    exceed `limits`, or stops are too late for `people` (both as for `check`). Where moving pieces aside does not
-    succeed, `connect` finds proven paths between two configurations.
+    The ends, the degree, the smoothness at knots, and the times are kept. Only if `limits` of velocity, acceleration or
+    jerk are exceeded, or stops are too late for `people` (both as for `check`), all times are multiplied by one factor.
+    If moving the pieces does not succeed, `connect` finds proven paths between two configurations.
     """
     motion = Motion.of(motion, space=proof.checker.robot).for_robot(proof.checker.robot)
     displacement, how = Displacement(motion, proof), "moved"
@@ -142,7 +144,7 @@ def repair_with(
 
 
 def _slowed(repair: Repair, proven: Callable[[Motion], MotionCheck]) -> Repair:
-    """Return the repair with a motion that takes longer, where that proves it."""
+    """Return the repair with a slower motion, if slowing down makes it proven."""
     worst, motion = repair.check.violations, repair.motion
     kinds = {violation.kind for violation in worst}
     if not kinds:
@@ -179,7 +181,7 @@ def _slowed(repair: Repair, proven: Callable[[Motion], MotionCheck]) -> Repair:
 
 
 class Displacement:
-    """Moves a motion by B-splines until it is proven; `bad` are the pieces that are not."""
+    """Moves a motion by B-splines until it is proven. `bad` lists the pieces that are not proven."""
 
     def __init__(self, motion: Motion, proof: MotionProver) -> None:
         self._proof, self._given = proof, motion
@@ -187,7 +189,7 @@ class Displacement:
         self.bad = [piece.number for piece in compress(pieces, ~proven_by_bounds(pieces)) if not piece.proven()]
 
     def moved(self) -> Motion | None:
-        """Return the motion, moved away from what is too near; None if that cannot be proven."""
+        """Return the motion moved away from obstacles that are too near, or None if no such motion is proven."""
         motion = self._given
         near = {k + side for k in self.bad for side in (-1, 0, 1)} & set(range(motion.pieces))
         for span, attempts in _SPANS:
@@ -197,7 +199,7 @@ class Displacement:
         return None
 
     def planned(self, connect: Connect) -> Motion | None:
-        """Return the motion with a planner's way round what is in the way; None if that cannot be proven."""
+        """Return the motion with a planner's detour around obstacles, or None if no such motion is proven."""
         motion = self._given
         for reach in (0, 1, 3, motion.pieces):
             first, last = self._allowed_knots(min(self.bad) - reach, max(self.bad) + 1 + reach)
@@ -214,7 +216,7 @@ class Displacement:
         return None
 
     def _allowed_knots(self, first: int, last: int) -> tuple[int, int]:
-        """Return the knots outside of two, or these, at which the motion is allowed."""
+        """Return the two given knots, moved outwards until the motion is proven free at both."""
         knots = self._given.knots
         first, last = max(first, 0), min(last, len(knots) - 1)
         while first > 0 and self._proof.check(knots[first], knots[first]).verdict is not Verdict.FREE:
@@ -224,10 +226,10 @@ class Displacement:
         return first, last
 
     def _proven_near(self, motion: Motion, attempts: int) -> Motion | None:
-        """Return a motion near the one given that is proven, or None."""
+        """Return a proven motion near the given one, or None."""
         basis = _basis(motion)
         moves = np.zeros((basis.shape[2], motion.n))
-        # Where something was too near, in the order in which it was found.
+        # Points (piece, fraction) at which a pair was too near, in the order of discovery.
         places: dict[tuple[int, float], None] = {}
         moved, waiting = motion, set(range(motion.pieces))
         for attempt, spare in enumerate(np.repeat(_EXTRA_DISTANCES, _ATTEMPTS).tolist()[:attempts]):
@@ -252,7 +254,7 @@ class Displacement:
             undone = np.einsum("mi,mj,ji->m", slopes, rows, moves - kept_moves)
             wanted = np.minimum(missing, _MOST_DISTANCE_GAIN) + undone
             if not len(rows):
-                # Distances suffice at all places looked at, but not for a proof: the next attempt asks for more.
+                # All sampled distances suffice, but the proof fails, so the next attempt demands larger distances.
                 continue
             step = kept_moves + _least_moves(rows, slopes, wanted) - moves
             moves = moves + step * min(1.0, _MOST_JOINT_MOVE / max(float(np.abs(step).max()), _NEGLIGIBLE_MOVE))
@@ -262,7 +264,7 @@ class Displacement:
         return None
 
     def _missing(self, pieces: list[PieceProof], places: list[tuple[int, float]], spare: FloatArray) -> Shortfalls:
-        """Return by how much distances, those to joint limits included, are too small at fractions of pieces."""
+        """Return the shortfalls of distances, including those to joint limits, at (piece, fraction) points."""
         robot = self._proof.checker.robot
         Q = np.array([pieces[k].place(u) for k, u in places])
         found = []
@@ -280,7 +282,10 @@ class Displacement:
         return of, slopes, missing
 
     def _too_near(self, Q: FloatArray, proof: MotionProver, spare: FloatArray) -> Shortfalls:
-        """Return by how much distances are too small at `Q: (B, n)`; negative for those that may become too small."""
+        """Return the shortfalls of distances at `Q: (B, n)`.
+
+        They are negative for distances that may become too small.
+        """
         robot, required = proof.checker.robot, proof.required
         pairs, wanted = required.pairs, required.least + spare[:, None]
         carriers = pairs.carriers
@@ -306,7 +311,7 @@ class Displacement:
 
 
 def _speeds(robot: Robot, joints: IntArray, points: FloatArray, origins: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return the velocities (K, m, 3) that the model's joints give points (K, 3) carried by joints (K,)."""
+    """Return the velocities (K, m, 3), per joint of the model, of points (K, 3) carried by joints (K,)."""
     speeds = np.where(robot.joint_prismatic[:, None], axes, np.cross(axes, points[:, None] - origins))
     known, of = np.unique(joints, return_inverse=True)
     return np.asarray(speeds * robot.supporting_joints(known)[of][:, :, None])
@@ -316,7 +321,7 @@ def _speeds(robot: Robot, joints: IntArray, points: FloatArray, origins: FloatAr
 
 
 def _divided(motion: Motion, pieces: set[int], span: float) -> Motion:
-    """Return the same motion with some of its pieces divided so that none moves farther than about a span."""
+    """Return the motion with some pieces divided so that each part has at most about the length `span`."""
     cuts = {}
     for k in pieces:
         at = np.polynomial.polynomial.polyval(np.array(_GRADIENT_PLACES), motion.coefficients[k]).T
@@ -327,7 +332,7 @@ def _divided(motion: Motion, pieces: set[int], span: float) -> Motion:
 
 
 def _basis(motion: Motion) -> FloatArray:
-    """Return coefficients (K, d + 1, N) of the B-splines that are as smooth as a motion and leave its ends."""
+    """Return coefficients (K, d + 1, N) of the B-splines that are as smooth as the motion and keep its ends."""
     degree = motion.degree
     smoothness = np.zeros(motion.pieces - 1, dtype=np.intp)
     equal = np.ones(motion.pieces - 1, dtype=bool)
@@ -340,21 +345,21 @@ def _basis(motion: Motion) -> FloatArray:
     first, last = motion.times[[0, -1]]
     knots = np.concatenate([np.full(degree + 1, first), inner, np.full(degree + 1, last)])
     number = len(knots) - degree - 1
-    # So many derivatives are kept at the ends, positions among them.
+    # Number of derivatives kept at the ends, including the position.
     kept = min(degree, 3 if motion.timed else 1)
     _, coefficients, _ = polynomials.spline(knots, np.eye(number), degree)
     return coefficients[:, :, kept : number - kept]
 
 
 def _values(basis: FloatArray, places: list[tuple[int, float]]) -> FloatArray:
-    """Return the values (M, N) of B-splines at fractions of pieces."""
+    """Return the values (M, N) of B-splines at (piece, fraction) points."""
     of, u = (np.array(column) for column in zip(*places, strict=True))
     powers = u[:, None] ** np.arange(basis.shape[1])
     return np.asarray(np.einsum("md,mdN->mN", powers, basis[of]))
 
 
 def _moved(motion: Motion, basis: FloatArray, moves: FloatArray) -> Motion:
-    """Return the motion moved by B-splines."""
+    """Return the motion with the B-splines, weighted by `moves`, added."""
     change = basis @ moves
     change[np.abs(change).max(axis=(1, 2)) <= _NEGLIGIBLE_MOVE] = 0.0
     size = np.abs(motion.coefficients).sum(axis=1) + np.abs(change).sum(axis=1)
@@ -364,12 +369,12 @@ def _moved(motion: Motion, basis: FloatArray, moves: FloatArray) -> Motion:
 
 
 def _following(motion: Motion, path: FloatArray, first: int, last: int) -> Motion | None:
-    """Return the motion displaced between two knots so that it follows a path (N, n), as well as its B-splines can."""
+    """Return the motion displaced between two knots to follow a path (N, n), by a least-squares fit of B-splines."""
     begin, end = motion.times[first], motion.times[last]
     travelled = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
     if not travelled[-1] > 0.0:
         return None
-    # When the motion is at the way points of the path.
+    # Times at which the motion reaches the way points of the path.
     at = begin + (end - begin) * travelled / travelled[-1]
     cuts = {}
     for k in range(first, last):
@@ -399,10 +404,11 @@ def _following(motion: Motion, path: FloatArray, first: int, last: int) -> Motio
 
 
 def _least_moves(rows: FloatArray, slopes: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Return the least x (N, n) with slopes_m · Σ_j rows_mj x_j ≥ wanted_m, as nearly as there is one.
+    """Return the least x (N, n) with slopes_m · Σ_j rows_mj x_j ≥ wanted_m, approximately if there is none.
 
-    Multipliers λ ≥ 0 with x = Σ_m λ_m rows_m slopes_mᵀ minimise ½ λᵀ Q λ − wantedᵀ λ; the method of Lawson and Hanson
-    (Solving Least Squares Problems, 1974, ch. 23) finds them: the most violated comes in, what would pull drops out.
+    Multipliers λ ≥ 0 with x = Σ_m λ_m rows_m slopes_mᵀ minimise ½ λᵀ Q λ − wantedᵀ λ. The active-set method of Lawson
+    and Hanson (Solving Least Squares Problems, 1974, ch. 23) adds the most violated constraint and drops constraints
+    whose multiplier would become negative.
     """
     products = (rows @ rows.T) * (slopes @ slopes.T)
     products[np.diag_indices_from(products)] *= 1.0 + _REGULARISATION
@@ -429,7 +435,7 @@ def _least_moves(rows: FloatArray, slopes: FloatArray, wanted: FloatArray) -> Fl
 
 
 def _measured(given: Motion, found: Motion, check: MotionCheck, how: str, proof: MotionProver) -> Repair:
-    """Return the repair with what it changed."""
+    """Return the repair with its measured deviations from the given motion."""
     places = np.linspace(found.times[:-1], found.times[1:], len(_GRADIENT_PLACES), axis=1)
     flat = places.ravel()
     Q, P = found.at(flat), given.at(flat)

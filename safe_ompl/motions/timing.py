@@ -1,4 +1,4 @@
-"""From a path to a trajectory: blends, caps of the speed, and the fastest law within them."""
+"""Time a path: blend its corners, compute speed limits, and find the fastest time law within them."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ from safe_ompl.robot import Robot
 
 BLEND_TOLERANCE = 0.05  # [rad] of blends
 CELL_LENGTH = 0.02  # [rad] largest cell
-# Share of the time that is left until people come which the length of a cell may cost. Beside a person, cells that may
-# cost the coarse share take a quarter of the time to compute, and motions become 9 to 17 % slower.
+# Largest share of the time until people may arrive that is lost to the length of a cell. Beside a person, the coarse
+# share takes a quarter of the computing time, and motions become 9 to 17 % slower.
 _FINE_TIME_LOSS, _COARSE_TIME_LOSS = 0.02, 0.15
-# A whole path has at least so many cells.
+# Default minimum number of cells of a path.
 CELLS = 400
-# The search for a window needs no more than a rough law: it has about so many cells, in which q′ changes by no more.
+# The search for the averaging window needs only a rough law: about this many cells, in which q′ changes by at most
+# `_WINDOW_SEARCH_TURN`.
 _WINDOW_SEARCH_CELLS, _WINDOW_SEARCH_TURN = 100, 0.3
 
 
@@ -39,29 +40,30 @@ def time_path(path: ArrayLike, robot: Robot, limits: RateLimits | None = None, *
     Parameters
     ----------
     path : array_like, shape (N, n)
-        Way points, such as those of `PlanResult.path`; straight motions between them.
+        Way points, such as `PlanResult.path`, joined by straight motions.
     robot : Robot
         The robot.
     limits : RateLimits, optional
-        Joint velocities and accelerations; default: `RateLimits.of(robot)`. If they limit the jerk the trajectory is
+        Joint velocities and accelerations. Default: `RateLimits.of(robot)`. If they limit the jerk, the trajectory is
         not quite the fastest one.
     **options
-        Those of `PathTimer`: `motion`, which proves blends, `tolerance` of these, and whatever else bounds the speed:
+        Those of `PathTimer`: `motion`, which proves blends, their `tolerance`, and further limits of the speed:
         `people`, `tool_speed`, `link_speed`, `danger` and `max_danger`.
 
     Raises
     ------
     StandstillError
-        If people, or the danger, allow no speed somewhere; says where, who, which link and what would have to change.
+        If people, or the danger, allow no speed at some point. The error names the point, the person, the link and what
+        would have to change.
     InputError
-        If the path has fewer than two way points, is not finite, does not move or leaves the joint limits; if somebody
-        touches the robot where it starts; or as `PathTimer`.
+        If the path has fewer than two way points, is not finite, does not move or leaves the joint limits; if a person
+        touches the robot at its start; or as `PathTimer`.
     """
     return PathTimer(robot, limits, **options).time(path)
 
 
 class PathTimer:
-    """Times many paths of one robot in one scene; what does not depend on the path is computed once.
+    """Times many paths of one robot in one scene. Data that do not depend on the path are computed once.
 
     Parameters
     ----------
@@ -70,21 +72,21 @@ class PathTimer:
     limits : RateLimits, optional
         As in `time_path`.
     motion : MotionProver, optional
-        What proves the blends that round the corners. Without it the robot stops in every corner.
+        Proves the blends at corners. Without it the robot stops at every corner.
     tolerance : float
-        How far blends may be from the path [rad].
+        Largest distance of blends from the path [rad].
     **caps
-        What else bounds the speed: `people`, who may come near, so that the robot is nowhere faster than what is proven
-        to stop before they touch it; this needs `motion`, whose scene says where people are. `tool_speed` and
-        `link_speed`, the largest ones of the tip, and of any point of any link [m/s]. `max_danger`, the largest that
-        the `danger` of the robot in motion, a `KinetostaticField`, may reach anywhere.
+        Further limits of the speed. `people` who may come near: the robot is nowhere faster than is proven to stop
+        before they touch it. This needs `motion`, whose scene contains the people. `tool_speed` and `link_speed`:
+        largest speed of the tip, and of any point of any link [m/s]. `max_danger`: largest value of `danger`, a
+        `KinetostaticField` of the robot in motion.
 
     Raises
     ------
     InputError
         If limits are missing or of other joints; if the tolerance is negative, or a speed not positive; if only one of
-        `danger` and `max_danger` is given; if people are given and no motion; if `motion` has a tube, and speeds
-        besides are limited; or if contact is allowed and the jerk limited.
+        `danger` and `max_danger` is given; if people are given without `motion`; if `motion` has a tube, and further
+        speeds are limited; or if contact is allowed and the jerk is limited.
 
     Examples
     --------
@@ -129,9 +131,9 @@ class PathTimer:
         path : array_like, shape (N, n)
             Way points.
         cells : int
-            How many cells the curve has at least. Any number is as proven; with fewer than 400 cells are divided less
-            where people bound the speed: 60 take a quarter of the time (a Panda beside a person: 25 ms instead of 100),
-            and the motion becomes some 9 to 17 % slower.
+            Minimum number of cells of the curve. The result is proven for any number. With fewer than 400, cells are
+            divided less where people limit the speed: 60 cells take a quarter of the time (a Panda beside a person: 25
+            ms instead of 100), and the motion becomes some 9 to 17 % slower.
         """
         points = self.robot.way_points(path)
         if len(points) < 2:
@@ -142,7 +144,7 @@ class PathTimer:
         return self.along(blended(points, self.robot, self.tolerance, self.motion, self.limits), cells=cells)
 
     def along(self, motion: Motion, *, cells: int = CELLS) -> Trajectory:
-        """Return the fastest trajectory along a path whose corners are rounded already (`blended`); see `time`."""
+        """Return the fastest trajectory along a path whose corners are already blended (`blended`); see `time`."""
         limits, brakes, window, caps = self.limits, None, 0.0, list[SpeedCap]()
         speeds = self.caps.tool_speed, self.caps.link_speed
         coarse, step = cells < CELLS, motion.length / cells
@@ -183,7 +185,10 @@ class PathTimer:
 
 
 def within_tube(caps: MotionCaps, motion: MotionProver | None) -> MotionCaps:
-    """Return what bounds the speed of a robot that may be anywhere in the tube of what is proven of its path."""
+    """Return the speed limits for a robot that may be anywhere in the tube of the prover.
+
+    The tube is added to the clearance from people. Raises InputError for limits that cannot be proven within a tube.
+    """
     if motion is None or not motion.separation.tube:
         return caps
     others = caps.tool_speed, caps.link_speed, caps.danger
