@@ -1,4 +1,4 @@
-"""Distances of links and obstacles: exact where they may be small, nearest points (witnesses), and gradients."""
+"""Distances between links and obstacles: exact if they may be small, with nearest points (witnesses) and gradients."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from safe_ompl.robot import Robot, plain
 class NearPairs:
     """C pairs of a link and an obstacle that are near each other at some of B configurations, and their nearest points.
 
-    Of K pairs the links are carried by joints with Pinocchio's numbers, `carriers: (K,)`. Each row of the `table: (C,
-    10)` has a configuration, a pair, and their distance [m]; the nearest point of the link, its witness, in the frame
-    of the joint that carries it [m]; the unit normal from the obstacle to the link, in the world; and the abscissa of
-    the obstacle's point along the normal [m]. Of pairs in contact only the distance, ≤ 0, means something.
+    `carriers: (K,)` are Pinocchio's indices of the joints that carry the links of the K pairs. The columns of `table:
+    (C, 10)` are the configuration; the pair; the distance [m]; the nearest point of the link (its witness) in the frame
+    of the joint that carries it [m]; the unit normal from obstacle to link in the world; and the coordinate of the
+    obstacle's point along the normal [m]. For pairs in contact only the distance, ≤ 0, is valid.
     """
 
     robot: Robot
@@ -28,21 +28,21 @@ class NearPairs:
 
     @property
     def rows(self) -> IntArray:
-        """Which configuration (C,) it is."""
+        """The configuration (C,) of each entry."""
         return self.table[:, 0].astype(np.intp)
 
     @property
     def pairs(self) -> IntArray:
-        """Which of the K pairs (C,) it is."""
+        """The pair (C,) of each entry, as an index into the K pairs."""
         return self.table[:, 1].astype(np.intp)
 
     def hinge_costs(self, Q: FloatArray, hinges: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² (B,) of the distances d at `Q: (B, n)`, near where the pairs were found.
 
-        The link's witness moves with the link, the obstacle stays behind the plane at its own: exact to the first
-        order where the witnesses were found, and for moves in which they remain the nearest points. Pairs in contact
-        do not count: there is no way from one to the other. `hinges: (H, 2)` are D > 0 [m] and w. Besides the costs
-        there are their gradients (B, n), and vectors v (C, n): the costs bend like Σ vvᵀ (Gauss-Newton).
+        The model moves the link's witness with the link and keeps the obstacle behind the plane at its witness. The
+        model is exact to first order, while the witnesses remain the nearest points. Pairs in contact do not count,
+        because they have no separating direction. `hinges: (H, 2)` are D > 0 [m] and w. Also returned are the gradients
+        (B, n), and vectors v (C, n) for the Gauss-Newton Hessian Σ vvᵀ.
         """
         coupling = self.robot.coupling
         values = plain(coupling.values(Q))
@@ -53,9 +53,9 @@ class NearPairs:
 class PairDistances:
     """Distances of the K pairs of a link and an obstacle that may come nearer to each other than a reach [m].
 
-    Pairs of convex bodies are measured by a kernel, for all configurations at once (`DistanceBounds`), others by coal
-    where a lower bound by the convex bodies that hold them cannot tell them from near ones. `joints: (K,)` has
-    Pinocchio's number of the joint that carries the link of each pair.
+    A kernel computes the distances of convex bodies for all configurations at once (`DistanceBounds`). For other
+    bodies, coal computes the distances if a lower bound from enclosing convex bodies does not show that they are far
+    apart. `joints: (K,)` are Pinocchio's indices of the joints that carry the links.
     """
 
     def __init__(self, checker: CollisionChecker, reach: float) -> None:
@@ -72,7 +72,7 @@ class PairDistances:
         return f"PairDistances({self._robot.name!r}, {len(self)} pairs)"
 
     def _bounds(self) -> tuple[DistanceBounds, SomePairs]:
-        """Return the bounds in the scene as it is, and the pairs as these know them."""
+        """Return the bounds for the present scene, and the K pairs in their form."""
         bounds = self._set.bounds
         if self._known is None or self._known[0] is not bounds:
             self._known = bounds, bounds.some(self._indices)
@@ -90,7 +90,7 @@ class PairDistances:
         return NearPairs(self._robot, self.joints, table)
 
     def least(self, Q: FloatArray, within: float) -> float:
-        """Return the least distance [m] at any of `Q: (B, n)`, or `within` where that is less."""
+        """Return the least distance [m] at any of `Q: (B, n)`, or `within` if that is less."""
         bounds, some = self._bounds()
         known = bounds.near(Q, some, within, least=True)
         rows, pairs = known[:, :2].T.astype(np.intp)

@@ -1,4 +1,4 @@
-"""All pairs of bodies of a robot and a scene, and sets of those that may come near each other."""
+"""All pairs of bodies of a robot and a scene, and sets of pairs that may come near each other."""
 
 from __future__ import annotations
 
@@ -20,15 +20,14 @@ _REQUEST = coal.DistanceRequest()
 
 
 class PairTable:
-    """All T pairs of bodies: those of the robot's own that are checked, then each moving body with each obstacle part.
+    """All T pairs of bodies: the checked self-collision pairs, then each moving body with each obstacle part.
 
-    It knows which pairs can come near each other at all: bounds of distances decide most of them; coal decides the
-    rest, once, when it is asked for. The robot's own pairs always count as near, and so do those of obstacles that may
-    move.
+    The table decides which pairs can come near each other at all. Distance bounds decide most pairs; coal decides each
+    of the others once, on demand. Self-collision pairs and pairs of movable obstacles always count as near.
 
-    `bodies: (T, 2)` are their indices in the geometry, the smaller one first; `with_obstacle` the rows of pairs of a
-    link and an obstacle. `obstacle_radii: (G, m)` say how far each of the G bodies is from the axes of the model's m ≥
-    n joints at most [m], where obstacles are now; infinite for the robot's own.
+    `bodies: (T, 2)` are indices in the geometry, the smaller one first. `with_obstacle` are the rows of pairs of a link
+    and an obstacle. `obstacle_radii: (G, m)` are the largest distances [m] of each of the G bodies from the axes of the
+    model's m ≥ n joints, for the present poses of obstacles; infinite for the robot's bodies.
     """
 
     def __init__(self, robot: Robot, geometry: SceneGeometry) -> None:
@@ -47,7 +46,7 @@ class PairTable:
         self._checked = _in_blocks(self._obstacles.bodies["translation"], checked)
         self.bodies: IntArray = np.concatenate([own, with_parts.reshape(-1, 2)[self._checked]])
         self.with_obstacle: IntArray = np.arange(len(own), len(self.bodies))
-        # Bounds (K, M) of the least distance of each of K parts from all that each of M moving bodies can reach.
+        # Bounds (K, M) of the least distance between each of K parts and the reachable set of each of M moving bodies.
         self._lower = np.full(checked.shape, -np.inf)
         self._upper = np.full(checked.shape, np.inf)
         if geometry.movable:
@@ -55,7 +54,7 @@ class PairTable:
 
     @cached_property
     def convex_bodies(self) -> ConvexBodies:
-        """All G bodies as convex ones that hold them, obstacles where they are now."""
+        """Convex bodies that contain the G bodies, with the present poses of obstacles."""
         return self.robot.bounds.convex_bodies.joined(self._obstacles)
 
     def names(self, rows: IntArray) -> tuple[tuple[str, str], ...]:
@@ -64,9 +63,9 @@ class PairTable:
         return tuple((names[first], names[second]) for first, second in self.bodies[rows].tolist())
 
     def within(self, reach: float) -> IntArray:
-        """Return the rows of the pairs that may touch, then of those that may come nearer than a reach [m].
+        """Return the rows of the pairs that may touch, then of those that may come nearer than `reach` [m].
 
-        Infinity gives all rows in their order.
+        For infinity, all rows are returned in their order.
         """
         if reach == np.inf:
             return np.arange(len(self.bodies))
@@ -84,7 +83,7 @@ class PairTable:
             found = pair_bounds(reaches.joined(self._obstacles).table, pairs, distance)
         self._lower[k, m] = np.maximum(self._lower[k, m], found)
         near, exact = found < distance, self._obstacles.exact[k]
-        # Of near pairs nothing more than this bound is known.
+        # For near pairs only this bound is known.
         self._upper[k[near], m[near]] = np.nextafter(distance, 0.0)
         for c in np.flatnonzero(near & ~exact).tolist():
             bodies = parts[k[c]], cylinders[m[c]]
@@ -97,19 +96,22 @@ class PairTable:
         return nearer
 
     def follow(self) -> None:
-        """Renew what follows from the places of obstacles, which have moved."""
+        """Recompute data that depend on the poses of obstacles, after a move."""
         vars(self).pop("convex_bodies", None)
         self._measure()
 
     def _measure(self) -> None:
-        """Take obstacles as they are now."""
+        """Recompute the convex bodies of obstacles and their distances from the joint axes."""
         self._obstacles = ConvexBodies.of(self.geometry.parts)
         radii = self.robot.shared.chain.axis_distances(self._obstacles)
         self.obstacle_radii[len(self.obstacle_radii) - len(radii) :] = radii
 
 
 def _in_blocks(centres: FloatArray, checked: BoolArray) -> IntArray:
-    """Return the pairs of `checked: (K, M)` link by link, of many parts (K, 3) those near each other first."""
+    """Return the indices of the pairs in `checked: (K, M)`, link by link.
+
+    Among many parts (K, 3), neighbours come together.
+    """
     blocks: list[IntArray] = [np.arange(len(centres))]
     while len(blocks[0]) > BLOCK:
         halved: list[IntArray] = []
@@ -125,18 +127,18 @@ def _in_blocks(centres: FloatArray, checked: BoolArray) -> IntArray:
 class PairSet:
     """The P pairs of bodies of a robot and a scene that may come nearer to each other than some reach.
 
-    Made by `CollisionChecker.pairs_within` of rows of a table; the checker's `move` alone changes it, and then only
-    places and radii. Input is checked by `CollisionChecker` and `MotionProver`, and not here: `q` must be a finite
-    float array (n,), margins one of (P,).
+    `CollisionChecker.pairs_within` makes the set from rows of a table. Only the checker's `move` changes it, and only
+    the poses and radii. The methods do not validate input, because `CollisionChecker` and `MotionProver` do: `q` must
+    be a finite float array (n,), margins must be (P,).
 
     Attributes
     ----------
     bodies : ndarray of int, shape (P, 2)
         Indices of the pairs in the geometry, the smaller one first.
     revision : int
-        How often obstacles have moved.
+        Number of obstacle moves so far.
     radii : ndarray, shape (P, n)
-        Displacement radii of each pair with obstacles where they are now: while the joints move by Δ, its two bodies
+        Motion bounds of each pair for the present poses of obstacles: while the joints move by Δ, the two bodies
         approach each other by at most Σ_i R_pi·|Δ_i| (`docs/how-it-works.md` §3, §4).
     meets_obstacle : ndarray of bool, shape (P,)
         Which pairs are of a link and an obstacle.
@@ -161,7 +163,7 @@ class PairSet:
 
     @property
     def carriers(self) -> IntArray:
-        """Pinocchio's numbers of the joints that carry the bodies of each pair, (P, 2)."""
+        """Pinocchio's indices of the joints that carry the bodies of each pair, (P, 2)."""
         return np.asarray(self._table.convex_bodies.bodies["joint"][self.bodies])
 
     def _take_radii(self) -> None:
@@ -171,7 +173,7 @@ class PairSet:
         self.radii.setflags(write=False)
 
     def follow(self) -> None:
-        """Renew what follows from the places of obstacles, which have moved."""
+        """Recompute data that depend on the poses of obstacles, after a move."""
         self._take_radii()
         self._bounds = None
         self.revision += 1
@@ -183,7 +185,7 @@ class PairSet:
     def bounds(self) -> DistanceBounds:
         """Lower bounds of the distances of the pairs, which prove most motions without a query."""
         known = self._bounds
-        # A cached property would hold a lock of all instances while it is computed.
+        # A cached property would hold a lock of all instances during the computation.
         if known is None:
             with self.changes.none():
                 bodies = self._table.convex_bodies
@@ -192,7 +194,7 @@ class PairSet:
         return known
 
     def margins(self, obstacles: float, links: float = 0.0) -> FloatArray:
-        """Return margins (P,), read-only: one [m] for pairs with an obstacle, one for pairs of two links."""
+        """Return read-only margins (P,) [m]: `obstacles` for pairs with an obstacle, `links` for pairs of two links."""
         margins: FloatArray = np.where(self.meets_obstacle, obstacles, links)
         margins.setflags(write=False)
         return margins
@@ -200,7 +202,7 @@ class PairSet:
     def approach(self, steps: FloatArray) -> FloatArray:
         """Return by how much (P,) [m] bodies approach at most while joints move by up to `steps: (n,)` ≥ 0.
 
-        Unlike a bound by `radii`, this one holds wherever obstacles are.
+        Unlike a bound by `radii`, this bound holds for any poses of obstacles.
         """
         links, coupling = self._robot.bounds.joint_radii, self._robot.coupling
         radii = coupling.radii(_pair_radii(links, self.bodies, np.full_like(self._table.obstacle_radii, np.inf)))
@@ -209,7 +211,7 @@ class PairSet:
     def touching(self, q: FloatArray, margins: FloatArray | None = None) -> int | None:
         """Return a pair that touches, or is nearer than its margin (P,) [m], ≥ 0, at `q: (n,)`, or None.
 
-        Bounds decide most pairs; coal is asked where they do not, and its answer would be the same for all.
+        Distance bounds decide most pairs and agree with coal. Coal decides the others.
         """
         margins, largest = (self._no_margins, 0.0) if margins is None else (margins, float(margins.max(initial=0.0)))
         done, found = self.changes.done, None
@@ -238,7 +240,7 @@ class PairSet:
         return None if pair is None else self.names[pair]
 
     def measured(self, Q: FloatArray, rows: IntArray, pairs: IntArray) -> FloatArray:
-        """Return distances and nearest points (C, 8) of pairs (C,) at rows (C,), which do not fall, of `Q: (B, n)`.
+        """Return distances and nearest points (C, 8) of pairs (C,) at rows (C,), in ascending order, of `Q: (B, n)`.
 
         It is coal that measures, and what is known of each is what `DistanceBounds.near` says after row and pair.
         """
@@ -266,7 +268,7 @@ class PairSet:
             found[:, exact] = near[:, 2].reshape(len(Q), np.count_nonzero(exact))
             own = self._coal.own
             for row, q in zip(found, Q, strict=True):
-                left = np.flatnonzero(row == -np.inf)  # those in contact, too
+                left = np.flatnonzero(row == -np.inf)  # including pairs in contact
                 if len(left):
                     own.place(q)
                     row[left] = [own.nearest(pair).distance for pair in pairs[left].tolist()]
@@ -274,7 +276,7 @@ class PairSet:
         return found
 
     def nearest(self, q: FloatArray, pairs: IntArray) -> list[Nearest]:
-        """Return how near each other the bodies of pairs (K,) are at `q: (n,)`, as coal has it."""
+        """Return coal's distances and nearest points of pairs (K,) at `q: (n,)`."""
         with self.changes.none():
             own = self._coal.own
             own.place(q)
@@ -282,7 +284,7 @@ class PairSet:
 
 
 def _pair_radii(links: FloatArray, bodies: IntArray, obstacle_radii: FloatArray) -> FloatArray:
-    """Return the displacement radii (P, m) of pairs: joints that move both bodies alike do not count."""
+    """Return the displacement radii (P, m) of pairs. Joints that move both bodies alike do not count."""
     moves = np.zeros_like(obstacle_radii)
     moves[: len(links)] = links
     first, second = moves[bodies[:, 0]], moves[bodies[:, 1]]
@@ -291,10 +293,10 @@ def _pair_radii(links: FloatArray, bodies: IntArray, obstacle_radii: FloatArray)
 
 
 def _in_joint_frames(robot: Robot, Q: FloatArray, joints: IntArray, places: FloatArray) -> FloatArray:
-    """Return places (C, 3) in the world in the frames of joints (C,), by Pinocchio's numbers, at `Q: (C, n)`."""
+    """Transform points (C, 3) from the world to the frames of joints (C,), by Pinocchio's indices, at `Q: (C, n)`."""
     rotations, origins, _ = robot.joint_frames(Q)
     local = places.copy()
-    # All other bodies are in the frame of the world.
+    # Bodies with joint 0 are fixed, so their points stay in the world frame.
     carried = np.flatnonzero(joints)
     at = carried, joints[carried] - 1
     local[carried] = np.einsum("cxy,cx->cy", rotations[at], places[carried] - origins[at])

@@ -169,7 +169,7 @@ class TipBounds(ToolLimit):
         return f"TipBounds({self.lower.tolist()}, {self.upper.tolist()})"
 
     def excess(self, q: ArrayLike) -> float:
-        """Return how far [m] the tip is outside of the box at `q: (n,)`; inside, minus the distance to the nearest wall."""
+        """Return how far [m] the tip is outside of the box at `q: (n,)`; inside, minus the distance to the wall."""
         tip = self.robot.tip_pose(q).translation
         return float(max((self.lower - tip).max(), (tip - self.upper).max()))
 

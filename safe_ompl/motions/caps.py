@@ -1,4 +1,4 @@
-"""Caps of the speed along a motion, proven over whole cells: what people allow, and speeds of tool and links."""
+"""Speed limits along a motion, proven over whole cells: for people, and for the speed of tool and links."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from safe_ompl.motions.limits import RateLimits
 from safe_ompl.motions.trajectory import SpeedCap
 from safe_ompl.scene import People
 
-# The names of caps.
+# Names of speed caps.
 TOOL_SPEED, LINK_SPEED = "tool speed", "link speed"
-# Share of the accelerations that blends may take beside people; the rest is for braking.
+# Share of the acceleration limits that blends may use beside people. The rest is left for braking.
 BENDING = 0.5
 
 
 @dataclass(frozen=True)
 class MotionCaps:
-    """What bounds the speed of trajectories besides the limits of the joints; see `PathTimer`."""
+    """Limits of a trajectory's speed, besides the joint limits; see `PathTimer`."""
 
     people: People | None = None
     tool_speed: float | None = None
@@ -44,7 +44,7 @@ class MotionCaps:
 
 @dataclass(frozen=True)
 class Standstill:
-    """Where the robot may not move at any speed: arc length [rad], configuration (n,), and what forbids it."""
+    """A point where no speed is allowed: arc length [rad], configuration (n,), and the reason."""
 
     arc_length: float
     configuration: FloatArray
@@ -55,7 +55,7 @@ class Standstill:
 
 
 class StandstillError(SafeOmplError):
-    """No speed along a path is allowed somewhere; `standstill` says where and why.
+    """Raised if no speed is allowed at some point of a path; `standstill` gives the point and the reason.
 
     Examples
     --------
@@ -78,13 +78,13 @@ class StandstillError(SafeOmplError):
 
 
 def bending_cap(cells: Cells, limits: RateLimits) -> FloatArray:
-    """Return the largest ṡ (N,) with which blends take half of the accelerations; the rest is left for braking."""
+    """Return the largest ṡ (N,) at which blends use half of the acceleration limits. The rest is left for braking."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.sqrt((BENDING * limits.acceleration / cells.d2q_ds2).min(axis=1)))
 
 
 def braking(cells: Cells, limits: RateLimits, speeds: FloatArray) -> FloatArray:
-    """Return the deceleration along the path (N,) [rad/s²] that the accelerations leave at ṡ of `speeds: (N,)`."""
+    """Return the path deceleration (N,) [rad/s²] that the acceleration limits leave at ṡ = `speeds: (N,)`."""
     rest = limits.acceleration - cells.d2q_ds2 * (speeds * speeds)[:, None]
     dq_ds = cells.dq_ds
     with np.errstate(divide="ignore"):
@@ -92,7 +92,7 @@ def braking(cells: Cells, limits: RateLimits, speeds: FloatArray) -> FloatArray:
 
 
 def speed_caps(speeds: FloatArray, tool_speed: float | None, link_speed: float | None) -> tuple[SpeedCap, ...]:
-    """Return the caps that keep the tip, and all points of all bodies, below speeds [m/s]; `speeds` of `BodySpeeds`."""
+    """Return the caps for speed limits [m/s] of the tip and of all points of all bodies; `speeds` of `BodySpeeds`."""
     caps = []
     for name, limit, bound in ((TOOL_SPEED, tool_speed, speeds[:, -1]), (LINK_SPEED, link_speed, speeds.max(axis=1))):
         if limit is not None:

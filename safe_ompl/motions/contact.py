@@ -1,17 +1,17 @@
-"""Contact with people: how fast the robot may be where it touches a limb, and where it may clamp one.
+"""Contact with people: the largest speeds at which the robot may touch a limb, and at which it may clamp a limb.
 
-In a *transient* contact the limb yields. A point of the robot that touches it may be as fast as v = F/√(m_H K): the
-largest force, mass and stiffness of the body region. The robot counts as infinitely heavy. Then F is proven whatever
-its motors do: let a mass m behind a spring K be pushed by a point whose speed is ẋ ≤ v, and let c ≥ 0 be the
-compression. In the frame that moves with v the energy ½Kc² + ½m(v − ẏ)² changes by Kc(ẋ − v) ≤ 0, and it is ½mv² where
-the mass is at rest first, so Kc ≤ v√(mK). What counts is the speed of the robot where it touches; that of the person is
-not counted.
+In a *transient* contact the limb yields. A point of the robot that touches the limb may have the speed v = F/√(m_H K),
+from the largest force, the mass and the stiffness of the body region. The robot counts as infinitely heavy. Then F is
+proven for any action of the motors: a mass m behind a spring K is pushed by a point with speed ẋ ≤ v, and c ≥ 0 is the
+compression. In the frame that moves with v, the energy ½Kc² + ½m(v − ẏ)² changes by Kc(ẋ − v) ≤ 0. Its initial value is
+½mv² if the mass is at rest first, so Kc ≤ v√(mK). The speed is that of the robot at the point of contact. The speed of
+the person is not counted.
 
 A limb is *clamped* between a body of the robot and a partner (`docs/how-it-works.md` §9). It cannot yield: half of the
-force counts, and m_R, half of the mass of the robot's links, the public choice: an infinite one would forbid all
-motion there. The thickness of arms, hands, legs and feet is the diameter of their capsule, that of the trunk its
-breadth across the shoulders. Not counted are limbs that are held lengthwise, several of them in a row, and what another
-person is.
+force is allowed, with the mass m_R, half of the mass of the robot's links, which is the published choice. An infinite
+mass would forbid all motion there. The thickness of arms, hands, legs and feet is the diameter of their capsule, that
+of the trunk its breadth across the shoulders. Not covered are limbs held lengthwise, several limbs in a row, and
+another person as the partner.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ _NEGLIGIBLE_SPEED = 1e-12  # [m/rad]
 
 
 def contact_speed(region: BodyRegion, clamped_by: float | None = None) -> float:
-    """Return the speed [m/s] at which contact with a body region stays below its limit.
+    """Return the speed [m/s] at which contact with a body region stays below its force limit.
 
-    It is F/√(m_H K); where a robot of an effective mass m_R [kg] clamps the region, (F/2)/√(m_R K).
+    The speed is F/√(m_H K). If a robot of an effective mass m_R [kg] clamps the region, the speed is (F/2)/√(m_R K).
     """
     mass, force = (region.mass, region.force) if clamped_by is None else (clamped_by, region.force / 2)
     return float(force / np.sqrt(mass * 1e3 * region.stiffness))
 
 
 def limb_thickness(limb: str, height: float) -> float:
-    """Return how thick a limb of a person of a height is [m]; infinite for what is no limb."""
+    """Return the thickness [m] of a limb of a person of the given height [m]; infinite for unknown limbs."""
     if limb in _TRUNK:
         across = float(np.linalg.norm(STANDING["left_shoulder"] - STANDING["right_shoulder"]))
         return height * (across + 2 * LIMBS["shoulders"][2])
@@ -53,12 +53,12 @@ def limb_thickness(limb: str, height: float) -> float:
 
 
 class ContactLimits:
-    """How fast a robot may follow a curve where it may touch M limbs of people, as proven over whole cells.
+    """Largest path velocities at which a robot may touch M limbs of people, proven over whole cells.
 
-    Limbs, pairs of person and limb, may be clamped against what stands still, or wherever they are if they are
-    `always_clamped`, such as beside things that move. Who has no height [m] in `heights` is not touched. A point of the
-    robot that touches a limb may be as fast as it `bears`, and a gap that clamps it close as fast as it
-    `bears_clamped`, (M,) [m/s]; the limbs have a `thickness: (M,)` [m].
+    Limbs are pairs (person, limb). They may be clamped against bodies that stand still, or anywhere with
+    `always_clamped`, such as beside moving obstacles. Persons without a height [m] in `heights` must not be touched.
+    `bears` (M,) [m/s] is the largest speed of a point of the robot that touches a limb, `bears_clamped` (M,) [m/s] the
+    largest closing speed of a gap that clamps a limb. `thickness: (M,)` [m] is that of the limbs.
     """
 
     def __init__(
@@ -106,10 +106,10 @@ class ContactLimits:
     def speeds(
         self, Q: FloatArray, sizes: FloatArray, dq_ds: FloatArray, bodies: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the largest ṡ (N, G, M) with which body g may touch limb m in a cell, and the same if none is clamped.
+        """Return the largest ṡ (N, G, M) at which body g may touch limb m in each cell, and the same without clamping.
 
-        Of the cells: the configurations in the middle, `Q: (N, n)`; lengths [rad], and bounds (N, n) of |q′|; bounds of
-        the speeds of points of moving `bodies: (N, G)` [m/rad].
+        `Q: (N, n)` are the configurations at the centres of the cells, `sizes` (N,) their lengths [rad], `dq_ds` (N, n)
+        bounds of |q′|, and `bodies: (N, G)` bounds of the speeds of points of moving bodies [m/rad].
         """
         free = self.bears / np.maximum(bodies, _NEGLIGIBLE_SPEED)[:, :, None]
         if self._always:

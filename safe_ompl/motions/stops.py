@@ -1,19 +1,19 @@
-"""Stops beside people from every instant of a motion (`docs/how-it-works.md` §9): proofs, and the speeds they allow.
+"""Stops for people from every instant of a motion (`docs/how-it-works.md` §9): proofs, and the speeds they allow.
 
-A stop stays on the motion, and the robot is gone from a cell, stands, or is so slow that a contact is harmless, before
-a limb may be there (`PeopleDistances`). Two questions are asked of the same cells, distances and limits of contact.
+A stop stays on the motion. Before a limb may reach a cell, the robot has left the cell, stands still, or is so slow
+that a contact is harmless (`PeopleDistances`). Two functions use the same cells, distances and contact limits.
 
-* `stops_beside`: a motion is driven as it is; are its stops in time? Its parameter σ is its time, x = σ̇², and a stop
-  brakes in each cell as hard as the boxes of q′ and q″ allow there. If x would be y < 0 at the end of a cell of size
-  h, the stop ends within it, after 2h√x/(x − y). Where the motion itself accelerates more than the limit x stays as it
-  is, and the stop accelerates no more than the motion. A stop also ends where the motion is at rest; nothing is asked
-  there.
-* `people_caps`: how fast may a path be driven? A stop decelerates by one number per cell, b, and no harder than it
-  began, so that what allows a speed allows all smaller ones.
+* `stops_beside` checks whether the stops of a timed motion are in time. The motion's parameter σ is its time, x = σ̇²,
+  and a stop brakes in each cell as hard as the ranges of q′ and q″ allow. If x would reach y < 0 at the end of a cell
+  of size h, the stop ends within the cell, after 2h√x/(x − y). Where the motion itself accelerates more than the limit,
+  x stays constant, and the stop accelerates no more than the motion. A stop also ends where the motion is at rest. No
+  stop is needed there.
+* `people_caps` computes how fast the robot may follow a path. A stop decelerates by one number b per cell, and never
+  harder than at its beginning. Hence if a speed is allowed, all smaller speeds are allowed.
 
-There are two rules of braking, because splines beside a person would be proven only if they were up to 21 % slower (4 %
-in the mean of eight) if their stops braked by b. While a robot is driven beside people who move, what they may reach is
-new at every tick: `safe_ompl.live.replanning` asks for the distances of a few cells then, of stops that brake by b.
+There are two braking rules, because with stops that brake by b, splines beside a person would be proven only if they
+were up to 21 % slower (4 % in the mean of eight). While people move, the area they may reach changes at every tick:
+`safe_ompl.live.replanning` then computes the distances of a few cells, for stops that brake by b.
 """
 
 from __future__ import annotations
@@ -33,17 +33,16 @@ from safe_ompl.motions.separation import PeopleDistances, SeparationBounds
 from safe_ompl.motions.time_law import SmoothLimits, TimeLaw, best_window, velocity_cap
 from safe_ompl.motions.trajectory import SpeedCap
 
-# Cells of a motion that is driven as it is are divided in at most so many rounds, a cell into at most so many parts in
-# each, and none into smaller ones than this.
+# Limits of dividing the cells of a timed motion: rounds, parts of a cell per round, and the least cell.
 _MOST_DIVISIONS = 6
 _MOST_PARTS = 8
 _LEAST_CELL_TIME = 1e-4  # [s]
-# A stop might be shorter by this share of its time in finer cells.
+# Finer cells might shorten a stop by this share of its time.
 _STOP_TIME_LOSS = 0.01
-# Finer cells may show that speeds are harmless which are above this share of a harmless speed.
+# Finer cells may show that a speed is harmless if it is above this share of a harmless speed.
 _NEARLY_HARMLESS = 0.9
-# Cells of a path whose speeds are asked for are divided into no smaller ones. Times that are left are taken to be at
-# least this long, and stops take no longer than so many times that of constant deceleration.
+# When a path is timed, cells are not divided into smaller ones than `_LEAST_CELL_LENGTH`. Remaining times are taken to
+# be at least `_LEAST_TIME_LEFT`. A stop takes at most `_MOST_STOP_TIME_FACTOR` times the time of constant deceleration.
 _LEAST_CELL_LENGTH = 1e-3  # [rad]
 _LEAST_TIME_LEFT = 0.005  # [s]
 _MOST_STOP_TIME_FACTOR = 3.0
@@ -51,11 +50,11 @@ _MOST_STOP_TIME_FACTOR = 3.0
 
 @dataclass(frozen=True)
 class Stops:
-    """How a motion stops from any instant on, and what is left then before people are there; made by `stops_beside`.
+    """The stops of a motion from any instant, and the time left before people may arrive; made by `stops_beside`.
 
-    The `cells` of the motion, as fine as it takes, have edges in its own time; stops keep to `accelerations: (n,)`. All
-    stops that begin in a cell are over by `left: (N,)` [s] sooner than somebody may be there; negative: not proven. The
-    `limb` that is there first would be met in cell `where`. If cells were finer about `loss` more might be left [s].
+    The edges of `cells` are times of the motion. Stops keep `accelerations: (n,)`. All stops that begin in a cell end
+    `left: (N,)` [s] before a person may arrive; negative: not proven. `limb` is the first to arrive, and would be met
+    in cell `where`. Finer cells might increase `left` by about `loss` [s].
     """
 
     cells: Cells
@@ -71,7 +70,7 @@ class Stops:
         return f"Stops({len(self.cells)} cells, {self.left.min():.3g} s left)"
 
     def met(self, cell: int) -> tuple[str, tuple[str, str], float]:
-        """Return what stops that begin in a cell have least left to: link, person and limb, and how much [m]."""
+        """Return the most critical encounter of stops from a cell: link, (person, limb), remaining distance [m]."""
         k, m = int(self.where[cell]), int(self.limb[cell])
         bounds, distances, people = self.separation, self.distances, self.distances.people
         # The time is infinite for limbs that do not move.
@@ -81,7 +80,10 @@ class Stops:
         return distances.links[int(bounds.nearest[k, m])], distances.limbs[m], float(room)
 
     def stop_from(self, time: float) -> TimeLaw:
-        """Return the stop that begins at a time [s] of the motion: which time of the motion it is at when."""
+        """Return the time law of the stop that begins at a time [s] of the motion.
+
+        Its arc length is the time of the motion.
+        """
         edges = self.cells.edges
         begin = float(np.clip(time, edges[0], edges[-1]))
         j = int(np.clip(np.searchsorted(edges, begin, side="right") - 1, 0, len(self.cells) - 1))
@@ -97,7 +99,7 @@ class Stops:
 def stops_beside(
     motion: Motion, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances
 ) -> Stops:
-    """Return how a motion, which ends at rest, stops beside people, and what is left; see the module."""
+    """Return the stops of a motion, which ends at rest, and the time left before people arrive; see the module."""
     accelerations = limits.acceleration
     for rounds_left in reversed(range(_MOST_DIVISIONS + 1)):
         braked = cells.sizes, cells.boxes, accelerations, cells.last_before_stop
@@ -111,10 +113,10 @@ def stops_beside(
         loss = found.lost[where, limb] + cells.sizes + 2 * cells.sizes[where]
         loss = np.where(limb < 0, 0.0, loss) + _STOP_TIME_LOSS * spans
         slow = found.harmless[where, limb] > _NEARLY_HARMLESS * entries
-        # Finer cells have better bounds of speeds, so a late stop may turn out to be harmless.
+        # Finer cells have tighter speed bounds, so a late stop may turn out to be harmless.
         loss = np.where(slow & (left < 0), np.maximum(loss, -2 * left), loss)
         parts = _finer(cells, left, where, loss)
-        # Dividing ends, too, if some stop is so late that finer cells cannot help.
+        # Dividing also ends if some stop is so late that finer cells cannot help.
         if not rounds_left or (parts == 1).all() or (left + loss < 0).any():
             return Stops(cells, accelerations, left, limb, where, loss, found, distances)
         cells = motion.between(divided_edges(cells.edges, parts))
@@ -122,7 +124,7 @@ def stops_beside(
 
 
 def _finer(cells: Cells, left: FloatArray, where: IntArray, loss: FloatArray) -> IntArray:
-    """Return into how many parts (N,) to divide cells so that stops might be proven that are not."""
+    """Return into how many parts (N,) to divide each cell, so that more stops might be proven."""
     parts: IntArray = np.ones(len(cells), dtype=np.intp)
     for j in np.flatnonzero((left < 0) & (left + loss > 0)):
         k, wanted = where[j], np.clip(np.ceil(loss[j] / (left[j] + loss[j])), 2, _MOST_PARTS)
@@ -138,15 +140,15 @@ def _finer(cells: Cells, left: FloatArray, where: IntArray, loss: FloatArray) ->
 def people_caps(
     motion: Motion, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances, loss: float
 ) -> tuple[Cells, FloatArray, float, list[SpeedCap]]:
-    """Return cells as fine as it takes, decelerations (N,) that stops take there, a window [s], and the caps.
+    """Return cells, decelerations (N,) of stops in the cells, an averaging window [s], and the speed caps.
 
-    A stop may decelerate by b_k = min_i (a_i − |q″_i|x_k)/|q′_i| in cell k, with the largest x_k = ṡ² there, and does
-    not brake harder than it began. It ends before a person comes nearer than the clearance, or the robot is then so
-    slow that a contact is harmless (`safe_ompl.motions.laws`, `.contact`). A cell that bounds the speed is
-    divided if motion within it costs more than the share `loss` of the time that is left. With a limit of the jerk all
-    this is said of a plan, than which the motion is later by the window at most (`.time_law`).
+    In cell k a stop may decelerate by b_k = min_i (a_i − |q″_i|x_k)/|q′_i|, with the largest x_k = ṡ² there, and does
+    not brake harder than at its beginning. The stop ends before a person comes nearer than the clearance, or the robot
+    is then so slow that a contact is harmless (`safe_ompl.motions.laws`, `.contact`). A cell that limits the speed is
+    divided if motion within it costs more than the share `loss` of the remaining time. If the jerk is limited, this
+    holds for a plan, and the motion is at most the window later than the plan (`.time_law`).
 
-    An InputError if somebody is within the clearance where the robot starts; a StandstillError if a cell allows no
+    Raises InputError if a person is within the clearance at the start of the robot; StandstillError if a cell allows no
     speed.
     """
     people, window = distances.people, 0.0
@@ -155,7 +157,7 @@ def people_caps(
         most = caps = np.minimum(velocity_cap(cells, limits), bending)
         brakes = braking(cells, limits, caps)
         left = distances.along(motion, cells, bodies, _MOST_STOP_TIME_FACTOR * float(caps.max() / brakes.min()))
-        # Of each of K groups of limbs (M,) which one comes first in each cell (N, K), and when
+        # For each of K groups of limbs (M,), the limb that arrives first in each cell (N, K), and its time.
         rows = [np.flatnonzero(distances.alike == group) for group in range(int(distances.alike.max()) + 1)]
         first = np.stack([row[left.times[:, row].argmin(axis=1)] for row in rows], axis=1)
         times = np.take_along_axis(left.times, first, axis=1)
@@ -186,7 +188,7 @@ def people_caps(
 
 
 def _parts(cells: Cells, left: SeparationBounds, limb: IntArray, where: IntArray, loss: float) -> IntArray:
-    """Return into how many parts (N,) to divide cells, so that motion within them costs little of the time left."""
+    """Return into how many parts (N,) to divide cells, so that their lengths cost little of the remaining time."""
     parts: IntArray = np.ones(len(cells), dtype=np.intp)
     k, m = np.unique(np.stack([where, limb])[:, limb >= 0], axis=1)
     lost = left.lost[k, m]

@@ -1,23 +1,23 @@
-"""Time laws: where on its curve a trajectory is at what time, with or without a limit of the jerk.
+"""Time laws: the arc length of a trajectory at each time, with or without a limit of the jerk.
 
-Without a limit of the jerk, ṡ² is linear in every cell of the curve. With one, such a law, the *plan* σ, is averaged
-over a window w: s(t) = 1/w ∫ σ from t − w to t (Biagiotti & Melchiorri 2012). Where the robot must stand the plan waits
-for w. Then ṡ and s̈ are averages, too, and s⃛ = (σ̈(t) − σ̈(t − w))/w. If m is the largest σ̇ in a window, all its places
-are within mw/2 of s(t): |σ(t) − s(t)| = 1/w |∫ σ(t) − σ(τ) dτ| ≤ mw/2. With the distance d_jk between two cells, a plan
-with
+Without a limit of the jerk, ṡ² is linear in every cell of the curve. With a limit, such a law, the *plan* σ, is
+averaged over a window w: s(t) = 1/w ∫ σ from t − w to t (Biagiotti & Melchiorri 2012). Where the robot must stop, the
+plan waits for w. Then ṡ and s̈ are averages, too, and s⃛ = (σ̈(t) − σ̈(t − w))/w. If m is the largest σ̇ in a window,
+all its positions are within mw/2 of s(t): |σ(t) − s(t)| = 1/w |∫ σ(t) − σ(τ) dτ| ≤ mw/2. With the distance d_jk between
+two cells, a plan with
 
     σ̇ ≤ min_k max(c_k, 2 d_jk/w)    in each cell j
 
-has ṡ ≤ c_k in each cell k: σ̇ = m is reached in a cell with d_jk < mw/2, where a plan with m > c_k is not allowed to be.
-So the whole window is within c_kw/2 of the cell. If in all cells that are so near
+has ṡ ≤ c_k in each cell k: if m > c_k, then σ̇ = m would be reached in a cell with d_jk < mw/2, where the plan does not
+allow m. So the whole window is within c_kw/2 of the cell. If in all cells within this distance
 
-* |pσ̈ + cσ̇²| ≤ a for p and c in the boxes of q′ and q″ of cell k, with 0 added to that of q″, then |q̈| ≤ a: the mean of
-  pσ̈ + c′σ̇² over the window is q̈ for one c′ between 0 and q″, because ṡ² is no more than the mean of σ̇²;
+* |pσ̈ + cσ̇²| ≤ a for p and c in the ranges of q′ and q″ of cell k, with 0 added to the range of q″, then |q̈| ≤ a: q̈
+  is the mean of pσ̈ + c′σ̇² over the window for one c′ between 0 and q″, because ṡ² is at most the mean of σ̇²;
 * −B_k ≤ σ̈ ≤ A_k with |q‴|c³ + 3|q″|c·max(A, B) + |q′|(A + B)/w ≤ j, then |q⃛| ≤ j.
 
 c, A and B are chosen for each w, and w so that the motion takes the least time. Without people A = B; beside people B
 is larger, for stops. The average of a stop of the plan, with its past, is a stop of the robot that keeps all limits
-from any s̈ on, and ends w later: s(t) ≥ σ(t − w).
+from any s̈, and ends w later: s(t) ≥ σ(t − w).
 """
 
 from __future__ import annotations
@@ -35,26 +35,25 @@ from safe_ompl.motions.limits import RateLimits
 from safe_ompl.robot import plain
 
 _SPEED_HALVINGS = 36
-# Of the windows that are tried each is shorter than the one before by this factor; there are at most so many. The first
-# one is so many times as long as the jerk needs from no acceleration to all of it.
+# Windows are tried in decreasing length, by this factor and at most this often. `_FIRST_WINDOW` is the length of the
+# first one, relative to the time in which the jerk limit builds up the full acceleration.
 _WINDOW_FACTOR, _MOST_WINDOWS = 0.75, 40
 _FIRST_WINDOW = 8.0
-# Rounding does not touch averages over windows that are at least so long.
+# Rounding errors do not affect averages over windows of at least this length.
 _LEAST_WINDOW = 1e-4  # [s]
-# The share `BENDS` is less beside people, whose stops need the jerk.
+# Share of the jerk for q‴ṡ³ beside people. It is less than `BENDS`, because stops need the jerk.
 _BENDS_BESIDE_PEOPLE = 0.1
-# Share of the range of σ̈ that is for stops beside people.
+# Share of the range of σ̈ that is reserved for stops beside people.
 BRAKING = 2 / 3
-# Limits are tightened, and reach is widened, by what rounding takes.
+# Factors that tighten limits and widen the reach to cover rounding errors.
 _TIGHTER, _WIDER = 1 - 1e-9, 1 + 1e-9
 
 
 @dataclass(frozen=True)
 class TimeLaw:
-    """Arc length by time: constant s̈ in every cell of a motion.
+    """Arc length over time, with constant s̈ in every cell of a motion.
 
-    Of the grid points (N + 1,): `edges`, arc lengths; `squared_speeds`, x = ṡ² [rad²/s²]; `times`, when the law reaches
-    them [s].
+    At the grid points (N + 1,): `edges`, arc lengths; `squared_speeds`, x = ṡ² [rad²/s²]; `times` [s].
     """
 
     edges: FloatArray
@@ -63,17 +62,17 @@ class TimeLaw:
 
     @classmethod
     def through(cls, edges: FloatArray, squared_speeds: FloatArray) -> TimeLaw:
-        """Return the law with these ṡ² at the grid points; a cell takes 2h/(ṡ_start + ṡ_end)."""
+        """Return the law with given ṡ² at the grid points. A cell of length h takes the time 2h/(ṡ_start + ṡ_end)."""
         return cls(edges, squared_speeds, np.concatenate([[0.0], np.cumsum(_spans(edges, squared_speeds))]))
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return float(self.times[-1])
 
     @property
     def knots(self) -> FloatArray:
-        """When s̈ jumps, or s⃛ where it is limited [s]; in any order."""
+        """Times [s] at which s̈ jumps, or s⃛ if it is limited, in any order."""
         return self.times
 
     @property
@@ -83,12 +82,12 @@ class TimeLaw:
         return np.divide(np.diff(self.squared_speeds), 2 * sizes, out=np.zeros(len(sizes)), where=sizes > 0)
 
     def rates_between(self, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the least and the largest ṡ (C,) between arc lengths `edges: (C + 1,)`, grid points among them."""
+        """Return the least and the largest ṡ (C,) between arc lengths `edges: (C + 1,)`, with all grid points."""
         ends = np.sqrt(np.interp(edges, self.edges, self.squared_speeds))
         return np.minimum(ends[:-1], ends[1:]), np.maximum(ends[:-1], ends[1:])
 
     def at(self, t: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-        """Return cell, s, ṡ and s̈ (T,) at times `t: (T,)` [s]; at rest before the start and after the end."""
+        """Return cell, s, ṡ and s̈ (T,) at times `t: (T,)` [s]. The law rests before the start and after the end."""
         cell: IntArray = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.edges) - 2)
         since = np.clip(t, 0.0, self.duration) - self.times[cell]
         acceleration, begin = self.accelerations[cell], np.sqrt(self.squared_speeds[cell])
@@ -108,19 +107,19 @@ class TimeLaw:
         return int(cell), float(s), float(rate)
 
     def stopped(self, time: float, edges: FloatArray, squared_speeds: FloatArray) -> TimeLaw:
-        """Return the law from a time [s] on that goes on with these ṡ² at grid points, from where it is."""
+        """Return the law from a time [s] on that continues with given ṡ² at grid points."""
         return TimeLaw.through(edges, squared_speeds)
 
 
 def _spans(edges: FloatArray, squared_speeds: FloatArray) -> FloatArray:
-    """Return how long the cells (N,) take."""
+    """Return the durations (N,) of the cells."""
     speeds = np.sqrt(squared_speeds)
     sizes, both = np.diff(edges), speeds[:-1] + speeds[1:]
     return np.asarray(np.divide(2 * sizes, both, out=np.zeros(len(sizes)), where=sizes > 0))
 
 
 def velocity_cap(cells: Cells, limits: RateLimits) -> FloatArray:
-    """Return the largest ṡ (N,) of each cell that keeps the joints' velocities: min_i limit_i/max|q′_i|."""
+    """Return the largest ṡ (N,) of each cell within the joint velocity limits: min_i limit_i/max|q′_i|."""
     dq_ds = cells.dq_ds
     with np.errstate(divide="ignore"):
         return np.asarray(np.where(dq_ds > 0, limits.velocity / dq_ds, np.inf).min(axis=1))
@@ -129,14 +128,14 @@ def velocity_cap(cells: Cells, limits: RateLimits) -> FloatArray:
 def fastest_law(
     cells: Cells, acceleration: FloatArray, cap: FloatArray, path_acceleration: FloatArray | None = None
 ) -> FloatArray:
-    """Return ṡ² (N+1,) of the fastest law within accelerations (n,) of the joints and a `cap: (N,)` of ṡ in each cell.
+    """Return ṡ² (N+1,) of the fastest law within joint accelerations (n,) and a `cap: (N,)` of ṡ in each cell.
 
-    The cap is no larger than velocities of the joints allow. |s̈| keeps to `path_acceleration: (N,)` in
-    each cell, if it is given.
+    The cap must not exceed that of the joint velocities. If `path_acceleration: (N,)` is given, it limits |s̈| in each
+    cell.
     """
     boxes = cells.boxes
     if path_acceleration is not None:
-        # The bound of s̈ is that of one joint more, whose q′ is 1/path_acceleration and whose limit is 1.
+        # The bound of s̈ is treated as one more joint with q′ = 1/path_acceleration and the limit 1.
         more = 1 / path_acceleration[:, None]
         boxes = Boxes(*(np.column_stack([box, k * more]) for box, k in zip(boxes, (1, 1, 0, 0), strict=True)))
         acceleration = np.append(acceleration, 1.0) * _TIGHTER
@@ -153,8 +152,8 @@ def fastest_law(
 class SmoothLaw(TimeLaw):
     """The average of a plan over a window w [s]; see the module. `squared_speeds` and `times` are those of the average.
 
-    Of the plan at the grid points (N + 1,): `plan_squared_speeds`, σ̇²; `arrivals` and `leaves`, when the plan comes and
-    goes [s].
+    Values of the plan at the grid points (N + 1,): `plan_squared_speeds`, σ̇²; `arrivals` and `leaves`, the times at
+    which the plan reaches and leaves them [s].
     """
 
     window: float
@@ -164,7 +163,10 @@ class SmoothLaw(TimeLaw):
 
     @classmethod
     def averaged(cls, edges: FloatArray, squared_speeds: FloatArray, stops: IntArray, window: float) -> SmoothLaw:
-        """Return the average of the plan with these σ̇² at the grid points, of which `stops` are waited in."""
+        """Return the average of the plan with given σ̇² at the grid points.
+
+        The plan waits at the grid points `stops`.
+        """
         waits = np.zeros(len(edges))
         waits[stops] = window
         leaves = np.concatenate([[0.0], np.cumsum(_spans(edges, squared_speeds) + waits[1:])])
@@ -182,24 +184,24 @@ class SmoothLaw(TimeLaw):
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return float(self.arrivals[-1] + self.window)
 
     @property
     def knots(self) -> FloatArray:
-        """When s⃛ jumps [s]: when a cell of the plan enters the window or leaves it; in any order."""
+        """Times [s] at which s⃛ jumps, because a cell of the plan enters or leaves the window, in any order."""
         ends = np.append(self.leaves, self.arrivals)
         return np.append(ends, ends + self.window)
 
     def rates_between(self, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of ṡ; as `TimeLaw`, but not exact."""
+        """Return bounds of ṡ as `TimeLaw`. They are not exact."""
         times = np.maximum.accumulate(self._passed(edges))
         ends, more = self.at(times)[2], np.diff(times) / 2 * np.abs(self._accelerations).max()
         low = np.minimum(ends[:-1], ends[1:]) - more
         return np.maximum(low, 0.0), np.maximum(ends[:-1], ends[1:]) + more
 
     def at(self, t: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-        """Return cell, s, ṡ and s̈ (T,) at times `t: (T,)` [s]; at rest before the start and after the end."""
+        """Return cell, s, ṡ and s̈ (T,) at times `t: (T,)` [s]. The law rests before the start and after the end."""
         now, before = self._plan(t), self._plan(t - self.window)
         place, rate, acceleration = ((a - b) / self.window for a, b in zip(now[:3], before[:3], strict=True))
         last: IntArray = np.searchsorted(self.leaves, t, side="right") - 1
@@ -216,15 +218,15 @@ class SmoothLaw(TimeLaw):
         return np.where((t < 0) | (t > self.duration), 0.0, jerks)
 
     def planned(self, time: float) -> tuple[int, float, float]:
-        """Return the cell in which the plan is at a time [s], σ and σ̇."""
+        """Return the cell of the plan at a time [s], σ and σ̇."""
         _, place, rate, _ = (float(x[0]) for x in self._plan(np.array([time])))
         return int(self._cell(np.array([time]))[0]), place, rate
 
     def stopped(self, time: float, edges: FloatArray, squared_speeds: FloatArray) -> SmoothLaw:
-        """Return the law from a time [s] on whose plan goes on with these σ̇²; as `TimeLaw`."""
+        """Return the law from a time [s] on whose plan continues with given σ̇²; as `TimeLaw`."""
         first, last = self._cell(np.array([time - self.window, time]))
         past = np.s_[first : last + 1]
-        if self.arrivals[last + 1] <= time:  # it stands
+        if self.arrivals[last + 1] <= time:  # the robot stands still
             past, edges, squared_speeds = np.s_[first : last + 2], edges[:0], squared_speeds[:0]
         after = np.concatenate([[0.0], np.cumsum(_spans(edges, squared_speeds))])[: len(edges)]
         return SmoothLaw._of(
@@ -236,11 +238,11 @@ class SmoothLaw(TimeLaw):
         )
 
     def _cell(self, t: FloatArray) -> IntArray:
-        """Return the cell (T,) of the plan; the one before where it waits."""
+        """Return the cell (T,) of the plan; while the plan waits, the previous cell."""
         return np.asarray(np.clip(np.searchsorted(self.leaves, t, side="right") - 1, 0, len(self.edges) - 2))
 
     def _plan(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return ∫σ, σ, σ̇ and σ̈ (T,) of the plan at times."""
+        """Return ∫σ, σ, σ̇ and σ̈ (T,) of the plan at given times."""
         cell = self._cell(t)
         begin, acceleration = np.sqrt(self.plan_squared_speeds[cell]), self._accelerations[cell]
         since, end = t - self.leaves[cell], self.arrivals[cell + 1] - self.leaves[cell]
@@ -257,14 +259,14 @@ class SmoothLaw(TimeLaw):
 
     @cached_property
     def _areas(self) -> FloatArray:
-        """∫σ (N + 1,) up to when the plan leaves the grid points."""
+        """∫σ (N + 1,) until the plan leaves each grid point."""
         spans, waits = self.arrivals[1:] - self.leaves[:-1], (self.leaves - self.arrivals)[1:]
         begin = np.sqrt(self.plan_squared_speeds[:-1])
         cells = spans * (self.edges[:-1] + spans * (begin / 2 + spans * self._accelerations / 6))
         return np.concatenate([[0.0], np.cumsum(cells + waits * self.edges[1:])])
 
     def _passed(self, s: FloatArray) -> FloatArray:
-        """Return when arc lengths (S,) are passed, by bisection: s grows with time."""
+        """Return the times at which arc lengths (S,) are passed, by bisection, because s increases with time."""
         cell = np.clip(np.searchsorted(self.edges, s, side="right") - 1, 0, len(self.edges) - 2)
         early, late = self.arrivals[cell], self.arrivals[cell + 1] + self.window
         for _ in range(_SPEED_HALVINGS):
@@ -276,10 +278,10 @@ class SmoothLaw(TimeLaw):
 
 @dataclass(frozen=True)
 class SmoothLimits:
-    """What plans keep to whose average over a window [s] keeps the limits of joints, in every cell; see the module.
+    """Limits of plans whose average over a window [s] keeps the joint limits, in every cell; see the module.
 
-    The boxes of q′ and q″ of its `cells` hold those of all cells within reach, and 0 for q″. ṡ keeps to c of `caps`,
-    |σ̈| to A, `accelerations`; by B, `brakes`, a stop may decelerate.
+    The ranges of q′ and q″ of `cells` include those of all cells within reach, and 0 for q″. `caps` (c) limits ṡ,
+    `accelerations` (A) limits |σ̈|, and `brakes` (B) limits the deceleration of a stop.
     """
 
     window: float
@@ -299,7 +301,7 @@ class SmoothLimits:
         stops: bool = False,
         share: float | None = None,
     ) -> SmoothLimits:
-        """Return the limits in cells in which ṡ keeps to `caps: (N,)`; `stops` says whether it may stop at any time.
+        """Return the limits in cells in which ṡ ≤ `caps: (N,)`; `stops` tells whether the robot may stop at any time.
 
         A `share` of the jerk may be that of q‴ṡ³.
         """
@@ -322,24 +324,24 @@ class SmoothLimits:
         return cls(window, wide, caps, (1 - braking) * near[:, -1], braking * near[:, -1])
 
     def cone(self, caps: FloatArray) -> FloatArray:
-        """Return what σ̇ keeps to (N, …) in each cell, so that ṡ keeps to `caps: (N, …)`."""
+        """Return limits (N, …) of σ̇ in each cell that imply ṡ ≤ `caps: (N, …)`."""
         width, cells = self.window / 2, self.cells
-        # What is farther away has no effect.
+        # Cells farther away have no effect.
         reach = np.full(len(cells), width * caps.max() * (1 + 1e-9))
         return spread(cells.edges, reach, cells.stops, caps.reshape(len(cells), -1), width).reshape(caps.shape)
 
     def plan(self, limits: RateLimits, caps: FloatArray) -> FloatArray:
-        """Return σ̇² (N + 1,) of the fastest plan, with ṡ ≤ `caps: (N,)` besides."""
+        """Return σ̇² (N + 1,) of the fastest plan, with the additional limit ṡ ≤ `caps: (N,)`."""
         caps = self.cone(np.minimum(caps, self.caps))
         return fastest_law(self.cells, limits.acceleration, caps, self.accelerations)
 
     def law(self, limits: RateLimits, caps: FloatArray) -> SmoothLaw:
-        """Return the average of that plan."""
+        """Return the average of the fastest plan."""
         return SmoothLaw.averaged(self.cells.edges, self.plan(limits, caps), self.cells.stops, self.window)
 
 
 def best_window(cells: Cells, limits: RateLimits, caps: FloatArray, times: FloatArray | None = None) -> float:
-    """Return the window [s] with which a law takes the least time, about; of `SmoothLimits`, beside people."""
+    """Return the window [s] with which a law takes about the least time. With `times`, the law is beside people."""
     assert limits.jerk is not None
     stops = times is not None
     with np.errstate(divide="ignore"):

@@ -1,4 +1,4 @@
-"""Tubes about motions: their widths by joint, and how wide a robot's own errors make them."""
+"""Tubes about motions: widths by joint, and widths measured from a robot's tracking errors."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from safe_ompl.motions.motion import Motion
 from safe_ompl.robot import Robot
 
 FACTOR = 1.5
-"""What a tube is wider by than the largest error that was measured."""
+"""Factor by which a tube is wider than the largest measured error."""
 
 
 def tube_of(given: ArrayLike | Mapping[str, float], robot: Robot, key: str = "tube") -> tuple[float, ...]:
-    """Return the n widths of a tube [rad or m], of one number, of n, or of numbers by the names of all joints."""
+    """Return the n widths of a tube [rad or m] from one number, n numbers, or a mapping by the names of all joints."""
     if isinstance(given, Mapping):
         given = robot.configuration(given, key)
     widths = np.full(robot.n, number(key, given)) if np.ndim(given) == 0 else given
@@ -29,11 +29,11 @@ def tube_of(given: ArrayLike | Mapping[str, float], robot: Robot, key: str = "tu
 
 @dataclass(frozen=True, eq=False)
 class MeasuredTube:
-    """How far the joints of a robot were from where they should have been, at equal times.
+    """Tracking errors of a robot's joints, from a log of commanded and measured positions at equal times.
 
-    The largest `errors: (n,)` [rad or m] at the instants of a log, at `times: (n,)` [s]. Errors are larger by no more
-    than `between: (n,)` between two instants, if nothing accelerates more there than the samples around them show:
-    |second difference quotient| Δt² / 8. The tube is wider than the errors by a factor.
+    `errors: (n,)` [rad or m] are the largest at the instants of the log, which occur at `times: (n,)` [s]. Between two
+    instants errors are larger by at most `between: (n,)`, |second difference quotient| Δt² / 8, if accelerations there
+    do not exceed those of the neighbouring samples. The tube is wider than the errors by a factor.
     """
 
     joint_names: tuple[str, ...]
@@ -52,10 +52,11 @@ class MeasuredTube:
 def measured_tube(
     commanded: Motion, measured: Motion, factor: float = FACTOR, continuous: ArrayLike | None = None
 ) -> MeasuredTube:
-    """Return the tube of a log of commanded and measured positions; of samples the lines through them.
+    """Return the tube of a log of commanded and measured positions. Samples are interpolated linearly.
 
-    They are compared at the instants of both. Whole turns of `continuous` joints (n,) of the commanded ones are no
-    error. An InputError if one has no times or names, joints differ, or they have no time in common.
+    The motions are compared at the instants of both. Differences by whole turns of `continuous` joints (n,) are no
+    errors. Raises InputError if a motion has no times or joint names, if joints differ, or if the time intervals do not
+    overlap.
     """
     factor = number("factor", factor, at_least=1.0)
     for name, motion in (("commanded", commanded), ("measured", measured)):
@@ -86,7 +87,7 @@ def measured_tube(
 
 
 def _unwrapped(motion: Motion, continuous: ArrayLike) -> Motion:
-    """Return samples without the steps of whole turns; what the numbers of other motions are is meant."""
+    """Remove jumps by whole turns from samples. Other motions are returned unchanged."""
     if motion.degree != 1:
         return motion
     knots = np.where(continuous, np.unwrap(motion.knots, axis=0), motion.knots)
@@ -94,7 +95,7 @@ def _unwrapped(motion: Motion, continuous: ArrayLike) -> Motion:
 
 
 def _between(times: FloatArray, values: FloatArray) -> FloatArray:
-    """Return how far (n,) a signal through values (T, n) may be from the lines between them."""
+    """Return how far (n,) a signal through values (T, n) may be from linear interpolation."""
     spans = np.diff(times)[:, None]
     if len(spans) < 2:
         return np.zeros(values.shape[1])
