@@ -1,9 +1,8 @@
-"""Reach models: where a body that was measured may be some time later, as sets that proofs can take.
+"""Reach sets: the sets that a measured body cannot leave within a time, in the form that proofs use.
 
-A proof sees whatever moves as a set for each of its bodies: a hull of points that grows with the time τ since the
-measurement,
+The reach set of a body is a convex hull of points that grows with the time τ since the measurement:
 
-    {points}, grown by radius + g₀ + g₁τ,  g₁ ≥ 0.
+    hull of points, grown by radius + g₀ + g₁τ,  g₁ ≥ 0.
 """
 
 from __future__ import annotations
@@ -18,12 +17,12 @@ from safe_ompl.common import FloatArray, IntArray
 
 
 class ReachViolation(NamedTuple):
-    """A body that moved farther than was promised."""
+    """A body that left its reach set."""
 
-    # The person or object, and its limb. The limb of an object is empty.
+    # Names of the person or object and of the limb; the limb of an object is empty.
     who: str
     limb: str
-    # How far the limb was beyond what its reach allows [m].
+    # The distance of the limb outside its reach set [m].
     excess: float
 
     def __str__(self) -> str:
@@ -33,13 +32,13 @@ class ReachViolation(NamedTuple):
 
 @dataclass(frozen=True)
 class ReachSets:
-    """Sets that M bodies do not leave; a body is a limb of a person, or a part of an object."""
+    """Reach sets of M bodies; a body is a limb of a person, or a part of an object."""
 
-    # The person or object and the limb that each of the M bodies is; the limb of an object is empty
+    # For each of the M bodies the names of the person or object and of the limb; the limb of an object is empty.
     names: tuple[tuple[str, str], ...]
     # The points of all bodies, one body after the other (P, 3) [m].
     points: FloatArray
-    # Where the points of each body begin (M + 1,).
+    # The index of the first point of each body, and the number of points (M + 1,).
     first: IntArray
     # The radii of the bodies about their points (M,) [m].
     radii: FloatArray
@@ -53,19 +52,19 @@ class ReachSets:
 
     @classmethod
     def none(cls) -> ReachSets:
-        """Return no sets, of no bodies."""
+        """Return the reach sets of zero bodies."""
         return cls((), np.zeros((0, 3)), np.zeros(1, dtype=np.intp), np.zeros(0), np.zeros((0, 2)))
 
     @classmethod
     def of(
         cls, names: tuple[tuple[str, str], ...], points: FloatArray, radii: FloatArray, growth: FloatArray
     ) -> ReachSets:
-        """Return the sets of M bodies with as many `points: (M, K, 3)` each, growth (M, 2)."""
+        """Return the sets of M bodies with K points each: points (M, K, 3), radii (M,), growth (M, 2)."""
         first: IntArray = points.shape[1] * np.arange(len(points) + 1)
         return cls(names, np.ascontiguousarray(points.reshape(-1, 3)), first, radii, growth)
 
     def beside(self, other: ReachSets) -> ReachSets:
-        """Return the sets of these bodies and of others."""
+        """Return the sets of these bodies, followed by those of `other`."""
         if not self.names:
             return other
         return ReachSets(
@@ -77,13 +76,14 @@ class ReachSets:
         )
 
     def grown(self, time: float) -> FloatArray:
-        """Return the growth (M,) of the sets after a time [s], without the radii [m]."""
+        """Return the growth g₀ + g₁τ (M,) [m] of the sets after a time τ [s]."""
         return np.asarray(self.growth[:, 0] + time * self.growth[:, 1])
 
     def excess(self, ends: Sequence[FloatArray] | FloatArray, time: float) -> FloatArray:
-        """Return for each body how far (M,) its points are beyond its set after a time, at most; ≤ 0: it obeyed.
+        """Return for each body the largest excess (M,) [m] of its points' motion over the growth of its set.
 
-        Its points, as many as it has in its set, are `ends` then [m]; the time [s] is since the sets were measured.
+        A value ≤ 0 means that the body stayed in its set. `ends` are the points of the bodies [m] at a time [s] after
+        the measurement of the sets, as many as each set has.
         """
         away = np.linalg.norm(np.concatenate([np.zeros((0, 3)), *ends]) - self.points, axis=1)
         farthest = np.maximum.reduceat(away, self.first[:-1]) if self.names else np.zeros(0)

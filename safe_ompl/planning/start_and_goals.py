@@ -1,4 +1,4 @@
-"""Start and goals of a setup, and what of them is allowed; and what was found for them."""
+"""Start and goals of a setup: checks of them, and removal of solutions that no longer fit them."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _log = logging.getLogger(__name__)
 
 _NEVER_NAN = DangerObjective, ob.PathLengthOptimizationObjective
 
-# A path begins at the start and ends at a goal within this, in joint space.
+# The largest distance in joint space between the ends of a path and its start and goal.
 END_TOLERANCE = 1e-6  # [rad or m]
 
 
 class Asked(NamedTuple):
-    """What a setup was asked for when a planner began: valid starts of how many given ones, goal, objective and space.
+    """The problem of a setup when a planner began: valid starts, number of given starts, goal, objective and space.
 
-    `starts` are copies of states, `states` the configurations that the goal consists of, as bytes.
+    `starts` are copies of states; `states` are the configurations of a list of goals, as bytes.
     """
 
     starts: list[OwnState]
@@ -40,14 +40,14 @@ class Asked(NamedTuple):
 
 
 class StartAndGoals:
-    """Start and goals of an OMPL setup, checked when they are given and when the scene has changed.
+    """Start and goals of an OMPL setup, checked when they are set and after the scene has changed.
 
-    Goal configurations and a place of the tip may both be given: a planner gets what it plans to. The setup, which
-    holds this object, is not kept alive.
+    Goal configurations and a goal pose of the tip (`place`) may both be set: each planner gets the kind that it plans
+    to. This object refers to its setup weakly.
     """
 
     def __init__(self, setup: Any, definition: Any) -> None:
-        # OMPL's setup makes its simplifier anew with every goal, so goals go through it, not to the definition.
+        # Goals are set by the setup, not by the definition, because OMPL's setup makes a new simplifier with each goal.
         self._setup, self._definition = proxy(setup), definition
         self._asked: Asked | None = None  # when a planner began
         self._start: FloatArray | None = None
@@ -63,7 +63,7 @@ class StartAndGoals:
 
     @property
     def start(self) -> FloatArray | None:
-        """The start configuration (n,), the first valid one where several were given in OMPL's words."""
+        """The start configuration (n,); the first valid one if several starts were added by OMPL's methods."""
         self.forget_stale()
         if self._start is None and (starts := self._now().starts):
             return np.asarray(self._setup.bridge.read(starts[0].state))
@@ -80,7 +80,7 @@ class StartAndGoals:
         self._setup.setGoal(self._goal_states)
 
     def set_start(self, start: Any) -> None:
-        """Set the start configuration (n,), numbers or by name; errors as `checked`."""
+        """Set the start configuration (n,), as numbers or by name; errors as `checked`."""
         q = self.checked(self._setup.robot.clipped_start(start, "start configuration"), "start")
         self._setup.setStartState(self._scratch.set(q))
         self._start = q
@@ -88,10 +88,10 @@ class StartAndGoals:
     # --------------------------------------------------------------------------------------------- checks
 
     def checked(self, value: Any, name: str) -> FloatArray:
-        """Return a configuration (n,) from numbers or from a mapping by joint name, if it is allowed.
+        """Return an allowed configuration (n,) from numbers or from a mapping by joint name.
 
-        An InputError as `Robot.configuration`, or outside the limits; a CollisionError if the check of configurations
-        objects.
+        Raises InputError as `Robot.configuration` or outside the limits, and CollisionError for a configuration in
+        collision or against a constraint.
         """
         robot: Robot = self._setup.robot
         check = self._setup.validity.check
@@ -99,11 +99,11 @@ class StartAndGoals:
         objection = check.objection(q)
         if objection is not None:
             raise (CollisionError if check.within_limits(q) else InputError)(name + objection)
-        # Within the tolerance of the limits a start is accepted; OMPL's own tolerance is smaller.
+        # The check has a larger tolerance of the limits than OMPL, so the configuration is clipped to the limits.
         return np.where(robot.continuous, q, np.minimum(np.maximum(q, robot.lower), robot.upper))
 
     def explain_missing_goal(self) -> None:
-        """Log why a planner had no goal configuration, where inverse kinematics found none."""
+        """If inverse kinematics found no goal configuration, log the reason."""
         place = self.place
         why = None if place is None or self._setup.getGoal() is not place else place.failure()
         if why is not None and place is not None:
@@ -111,21 +111,21 @@ class StartAndGoals:
             _log.warning("%s%s", why, "" if objection is None else f"; the last one{objection}")
 
     def check(self) -> list[FloatArray]:
-        """Return the goals that count; an error as `checked` if the start or all goals are not allowed any more."""
+        """Return the allowed goals; errors as `checked` if the start or all goals are no longer allowed."""
         self.forget_stale()
         if self._start is not None:
             self.checked(self._start, "start")
         return self._checked_goals(self.goals) if self.goals else []
 
     def scene_changed(self) -> None:
-        """Note that another scene may allow another start, goals and places; `check_anew` looks."""
+        """Note that the scene has changed, so that `check_anew` checks start and goals again."""
         self._unchecked = True
         if self.place is not None:
-            # Setting the seed forgets the configurations that were found.
+            # Setting the seed clears the goal configurations that inverse kinematics found.
             self.place.setSeed(self.place.getSeed())
 
     def check_anew(self) -> None:
-        """Check as `check` if the scene has changed, and take the goals that count now."""
+        """If the scene has changed, `check` start and goals, and set the goals that are allowed now."""
         if not self._unchecked:
             return
         if free := self.check():
@@ -135,7 +135,7 @@ class StartAndGoals:
         self._unchecked = False
 
     def check_complete(self, planner: Any) -> None:
-        """Raise an InputError for what OMPL would report poorly, or what would end the process."""
+        """Raise InputError for problems that OMPL would report poorly, or that would hang or end the process."""
         setup, si = self._setup, self._setup.getSpaceInformation()
         if si.getStateValidityChecker() is not setup.validity or si.getMotionValidator() is not setup.validator:
             raise InputError(
@@ -157,7 +157,7 @@ class StartAndGoals:
             raise InputError("OMPL's SORRTstar never ends if the start is the goal; use InformedRRTstar")
 
     def check_ends(self, path: FloatArray, name: str) -> None:
-        """Raise a PlanningError if the path (N, n) of a planner is not from a start to the goal."""
+        """Raise PlanningError if the path (N, n) of a planner does not lead from a start to the goal."""
         objection = self._objection_to_start(path[0]) or self._objection_to_end(path[-1])
         if objection is not None:
             raise PlanningError(f"{name} returned a path that {objection}")
@@ -181,13 +181,14 @@ class StartAndGoals:
     # ------------------------------------------------------------------------------ what was found for the problem
 
     def begin(self) -> None:
-        """Note what is asked for now, when a planner begins."""
+        """Store the present problem when a planner begins."""
         self._asked = self._now()
 
     def forget_stale(self) -> None:
-        """Forget what was found for other starts, another goal, objective or space than the setup has now.
+        """Clear solutions and planner data if starts, goal, objective or space have changed since planning began.
 
-        OMPL tells nobody of a change, which may also be made to its problem definition, so this looks.
+        OMPL does not notify of such changes, and users may also change the problem definition itself. Therefore the
+        stored problem is compared with the present one.
         """
         definition, asked = self._definition, self._asked
         goal = definition.getGoal()
@@ -208,7 +209,7 @@ class StartAndGoals:
         self._asked = None
         definition.clearSolutionPaths()
         planner = self._setup.getPlanner()
-        # Our planners find out for themselves which parts of their trees are still valid.
+        # Planners of this package find out themselves which parts of their trees are still valid.
         if planner is None or isinstance(planner, SafePlanner):
             return
         if same_space and same_objective:
@@ -217,7 +218,7 @@ class StartAndGoals:
             planner.clear()
 
     def forget_wrong(self) -> str | None:
-        """Forget the solution if it is not from a start to the goal, and return what is wrong with it."""
+        """Clear a solution that does not lead from a start to the goal, and return what is wrong with it, or None."""
         if not self._definition.hasSolution():
             return None
         path, read = self._definition.getSolutionPath(), self._setup.bridge.read
@@ -230,7 +231,7 @@ class StartAndGoals:
 
     @contextmanager
     def without_nan(self, planner: Any) -> Iterator[None]:
-        """Within, OMPL's SORRTstar is told infinity where costs are NaN: it never ends once a path costs NaN."""
+        """Replace NaN costs by infinity for OMPL's SORRTstar within the block: it never ends if a path costs NaN."""
         objective = self._definition.getOptimizationObjective()
         wrapped = self._may_be_nan and isinstance(planner, og.SORRTstar)
         if wrapped:
@@ -242,9 +243,10 @@ class StartAndGoals:
                 self._definition.setOptimizationObjective(objective)
 
     def forget_nan(self) -> bool:
-        """Forget the solution if the objective is NaN on it, as it may be of what is forbidden; return whether it is.
+        """Clear the solution if the objective is NaN on it, and return whether it was.
 
-        What planners compare with NaN is never better and never worse, so they may keep such a path.
+        A user's objective may be NaN for forbidden states. Comparisons with NaN are always false, so planners may keep
+        such a path.
         """
         if not (self._may_be_nan and self._definition.hasSolution()):
             return False
@@ -260,14 +262,14 @@ class StartAndGoals:
 
     @property
     def _may_be_nan(self) -> bool:
-        """Whether costs are those of an objective of the user's own."""
+        """Whether the objective is a user's, whose costs may be NaN."""
         objective = self._definition.getOptimizationObjective()
         return objective is not None and not isinstance(objective, _NEVER_NAN)
 
     def _now(self) -> Asked:
         definition, si = self._definition, self._setup.getSpaceInformation()
         inputs, starts = ob.PlannerInputStates(), list[OwnState]()
-        # Without this call the bindings would free the states of the definition.
+        # Without this call OMPL's bindings would free the states of the problem definition.
         inputs.use(definition)
         while inputs.haveMoreStartStates() and (state := inputs.nextStart()) is not None:
             starts.append(OwnState(self._setup.bridge))
@@ -282,7 +284,7 @@ class StartAndGoals:
     # --------------------------------------------------------------------------------------- which goal
 
     def choose_goal(self, planner: Any, seed: int) -> None:
-        """Where a place and goal configurations are both set, take the one that the planner accepts."""
+        """If a goal pose and goal configurations are both set, take the goal that the planner accepts."""
         self.forget_stale()
         if self.place is None:
             return
@@ -291,7 +293,7 @@ class StartAndGoals:
             self._setup.setGoal(self._goal_states if accepts(planner, self._goal_states) else self.place)
 
     def choose_place(self, planner: Any) -> None:
-        """Have a planner that plans to places only do so, though goal configurations were set later."""
+        """Set the goal pose for a planner that does not accept the goal configurations that were set later."""
         goal = self._setup.getGoal()
         if self.place is not None and goal is self._goal_states and not accepts(planner, goal):
             self._setup.setGoal(self.place)
@@ -322,7 +324,7 @@ class StartAndGoals:
 
 
 def several(goals: Any) -> list[Any]:
-    """Return the configurations that were given: one, in any form, or several."""
+    """Return a list of configurations from one configuration, in any form, or from several."""
     if isinstance(goals, (Mapping, str)):
         return [goals]
     if isinstance(goals, Sequence) and any(isinstance(goal, (Mapping, str)) for goal in goals):

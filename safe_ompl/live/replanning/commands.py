@@ -1,11 +1,11 @@
-"""One tick of a robot beside people: the motion until the next tick and the stop after it are proven.
+"""One tick of a robot among people: the motion until the next tick and the stop after it are proven.
 
 `CommandProver` is the base class of `Replanner` and `Shield`. At every tick:
 
-1. `update` takes the measurements. They give the sets that people and objects cannot leave (`Surroundings`).
+1. `update` takes the measurements and computes the reach sets of people and objects (`Surroundings`).
 2. `command` tries motions along a `BoundedPath`, from full acceleration to full braking. Each motion lasts a tick and
    ends in a stop. The fastest motion whose margin to the sets is never negative is taken (`_next`). If there is none,
-   the robot follows the rest of the stop of the tick before (`_kept`), whose proof still holds.
+   the robot follows the rest of the stop of the previous tick (`_kept`), whose proof still holds.
 3. A replanner uses the time that is left to search detours, and retreats from people who are near (`think`).
 
 A `Replanner` gets its path from a trajectory and from detours, a `Shield` from proposals.
@@ -53,40 +53,40 @@ class Action(str, Enum):
 
 @dataclass(frozen=True)
 class Command:
-    """A motion of one tick and the stop after it, both proven against what was measured.
+    """A motion of one tick and the stop after it, both proven against the newest measurement.
 
-    A controller follows `at`. If no other command comes, it follows this one to its end, and stands.
+    A controller follows `at`. If no other command comes, it follows this one to its end, where the robot stands.
     """
 
-    # The time from which on the command holds [s].
+    # The time at which the command begins [s].
     time: float
-    # The time of the measurement against which it is proven [s].
+    # The time of the measurement against which the command is proven [s].
     measured: float
     # The path that the robot follows.
     path: BoundedPath
     motion: StopLaw
     action: Action
-    # The smallest margin along the motion; where that is the rest of an earlier stop, or the robot stands, of the
-    # motion that could not be proven.
+    # The smallest margin along the motion. If the command is the rest of an earlier stop, or the robot stands, it is
+    # the margin of the motion that could not be proven.
     left: MotionMargin
-    # Why the robot is not as fast as it could be.
+    # The reason why the robot is slower than its limits allow.
     reason: str = ""
-    # The rule that keeps the robot slow beside people: ``separation``, ``contact`` or ``clamping``.
+    # The rule that slows the robot near people: ``separation``, ``contact`` or ``clamping``.
     rule: str = ""
 
     @property
     def standstill(self) -> float:
-        """When the robot stands at the latest [s]."""
+        """The latest time at which the robot stands [s]."""
         return self.time + self.motion.duration
 
     def at(self, time: float) -> State:
-        """Return joint values, velocities and accelerations (n,) at a time [s] from `time` on."""
+        """Return joint positions, velocities and accelerations (n,) at a time [s], at least `self.time`."""
         s, speed, acceleration = self.motion.at(time - self.time)
         q, first, second, _ = (values[0] for values in self.path.curve.places(np.array([s])))
         return State(q, first * speed, first * acceleration + second * speed * speed)
 
     def until_rest(self, time: float, step: float) -> tuple[FloatArray, list[State]]:
-        """Return times (K,) [s] from `time` to standstill, a step apart, and the states at these times."""
+        """Return times (K,) [s] from `time` to standstill in steps [s], and the states at these times."""
         steps = np.arange(time, self.standstill - 1e-6, step)
         states = [*(self.at(each) for each in steps.tolist()), self.at(np.inf)]
         return np.append(steps, max(time, self.standstill)), states
@@ -108,7 +108,7 @@ class Command:
 
 
 def stop_as_dict(times: FloatArray, states: Sequence[State]) -> dict[str, Any]:
-    """Return the rest of a command, its K instants [s] and states, as plain data of a tick."""
+    """Return the stop of a command, K times [s] and states, as plain values for a tick."""
     return {
         "times": times.tolist(),
         "q": [state.q.tolist() for state in states],
@@ -118,16 +118,16 @@ def stop_as_dict(times: FloatArray, states: Sequence[State]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class ReplanningOptions(Section):
-    """How a `Replanner` or a `Shield` works; raises InputError if a number is out of its range."""
+    """Options of a `Replanner` or a `Shield`; raises InputError if a number is out of its range."""
 
-    # Time between two commands [s]
+    # Time between two commands [s].
     tick: float = key(number, default=0.05, above=0.0, kind="number of seconds")
     # The robot stops if a person or object is not seen for this long [s].
     lost_after: float = key(number, default=0.5, above=0.0)
     # The largest delay with which the robot follows a command [s].
     lag: float = key(number, default=0.0, at_least=0.0)
-    # Limits of joints, tool and links for a `Shield`; default: limits of the robot's joints. A `Replanner` keeps the
-    # limits of its trajectories.
+    # Speed limits of joints, tool and links for a `Shield`; default: the limits of the robot's joints. A `Replanner`
+    # uses the limits of its trajectories.
     limits: SpeedLimits | None = None
     # Whether `Replanner.think` searches detours, and retreats from people who are near a robot that stands. People who
     # follow a retreating robot may touch it, as they may touch a robot that stands.
@@ -138,27 +138,27 @@ class ReplanningOptions(Section):
 
 
 class CommandProver:
-    """A robot, the people and objects around it, and commands that are proven against them.
+    """Base class of `Replanner` and `Shield`: proves commands of a robot against people and objects around it.
 
     Parameters
     ----------
     robot : Robot
         The robot.
     surroundings : Surroundings
-        What stands still around it; all people and objects that move, and what must be left to them. The reaction time
-        of people is not used: the delay is known at every tick.
+        The still obstacles, the people and objects that move, and the rules for them. The reaction time in the rules is
+        not used, because the delay is known at every tick.
     options : ReplanningOptions, optional
-        Time between commands, when somebody is lost, limits, detours.
+        Time between commands, time after which a person is lost, limits, detours.
     prover : MotionProver, optional
-        Proves motions among still obstacles, with limits such as of danger or clearance. Its scene is
-        `surroundings.still`. Default: motions must be free of collisions. If it has a tube (`Separation.tube`), all
-        that is said holds for every robot whose joints are that near to the command at any time, beside people, too.
+        Proves motions among the still obstacles, with limits such as of danger or clearance. Its scene is
+        `surroundings.still`. Default: motions must be free of collision. If the prover has a tube (`Separation.tube`),
+        all proofs, also those against people, hold for every robot whose joints stay in the tube about the command.
 
     Raises
     ------
     InputError
-        If a number is out of its range; if the prover is of another robot or of another scene; if the speed of tool or
-        links is limited, or contact allowed, within a tube, which bounds positions only.
+        If a number is out of its range; if the prover has another robot or another scene; if there is a tube, which
+        bounds positions only, and the speed of tool or links is limited, or contact is allowed.
     """
 
     def __init__(
@@ -182,9 +182,9 @@ class CommandProver:
         limits = options.limits
         if tube and limits is not None and (limits.tool_speed or limits.link_speed):
             raise InputError("bounds positions: speeds of tool and links cannot be proven within it", "tube")
-        # The distance that a robot anywhere in its tube must keep from people [m].
+        # The distance from people that must be kept everywhere in the robot's tube [m].
         self.clearance = people.clearance
-        # The speeds at which limbs bear contact; None if contact is not allowed.
+        # The contact speeds that limbs tolerate; None if contact is not allowed.
         self.contact = contact_limits(robot, surroundings) if people.contact else None
         self.bodies = RobotBodies(robot, tube)
         # The newest command.
@@ -193,7 +193,7 @@ class CommandProver:
         self._time = 0.0
         # The margin of the motion that was tried last.
         self._margin = MotionMargin(np.inf)
-        # With a limited jerk, the past of the time law, which the next motion continues.
+        # With a jerk limit: the past of the time law, which the next motion continues.
         self._past: StopLaw | None = None
         self._violated = False
 
@@ -203,11 +203,12 @@ class CommandProver:
     def update(
         self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
     ) -> list[ReachViolation]:
-        """Take measurements of a time [s]; return limbs and objects that moved too far, which makes the robot stop.
+        """Take the measurements of a time [s]; return limbs and objects that left their reach sets.
 
-        `people` are key points (J, 3) of those that were seen, as their skeletons have them, NaN: not seen; `objects`
-        are poses (Pose, pin.SE3 or 4×4), those of clouds their points (N, 3) in the world [m].
-        Raises InputError if the time goes backwards, a name is not known, or what was seen cannot be used.
+        After such a violation the robot stops. `people` maps names of visible people to key points (J, 3) in the order
+        and frame of their skeletons; NaN: not seen. `objects` maps names to poses (Pose, pin.SE3 or 4×4), or for
+        clouds to points (N, 3) in the world [m]. Raises InputError if the time goes backwards, a name is unknown, or a
+        measurement is invalid.
         """
         violations = self.surroundings.update(people, objects, time)
         if violations and not self._violated:
@@ -216,7 +217,7 @@ class CommandProver:
         return violations
 
     def _place(self, time: float) -> tuple[float, float]:
-        """Return s and ṡ on the path of the last command at a time [s]; raise InputError if time goes backwards."""
+        """Return s and ṡ on the path of the last command at a time [s]; an InputError if the time goes backwards."""
         last = self._last
         if not time >= self.surroundings.time or not (last is None or time >= last.time):
             raise InputError(f"time must not go backwards: a command for {time!r} s", "time")
@@ -258,9 +259,10 @@ class CommandProver:
     def _proven(
         self, path: BoundedPath, s: float, speed: float, share: float, time: float, why: MotionMargin | str = ""
     ) -> Command | None:
-        """Return the motion from (s, ṡ) with s̈ = share · brakes and its stop if both are proven; else note the margin.
+        """Return the motion from (s, ṡ) with s̈ = share · brakes if it and its stop are proven; else store the margin.
 
-        `why` says why it is not the fastest one: the margin of the faster motion, or what is wrong with measurements.
+        `why` is the reason why the motion is not the fastest one: the margin of a faster motion, or a message about
+        the measurements.
         """
         around = self._around(time)
         motion = path.motion_from(s, speed * speed, share, self.tick, self._past)
@@ -280,7 +282,7 @@ class CommandProver:
         return Around(known.sets, time - known.time + self.options.lag, self.clearance, self.contact)
 
     def _kept(self, path: BoundedPath, s: float, speed: float, time: float) -> Command:
-        """Return the rest of the stop that was proven before; a robot that stands rests."""
+        """Return the rest of the stop that was proven before; a robot that stands continues to stand."""
         last = self._last
         trouble = self.surroundings.trouble(time, self.options.lost_after)
         why = self._margin, trouble or self._margin.description, "" if trouble else self._margin.rule
@@ -298,14 +300,14 @@ class CommandProver:
         return ticks_header(self.tick, self.robot, around.scene, around.description())
 
     def log_tick(self) -> dict[str, Any]:
-        """Return the newest command and the newest measurements as a tick of a log; distances are not measured."""
+        """Return the newest command and measurements as a tick of a log; its distances to people are None."""
         if self._last is None:
             raise InputError("there was no command yet")
         unknown = dict.fromkeys(("distance", "link", "who", "limb"))
         return {**self._last.tick_at(self._time, self.tick), **self.surroundings.seen(), **unknown}
 
     def _given(self, command: _Given, time: float) -> _Given:
-        """Keep a command as the last one, and return it; what the robot does now goes to the log if it is new."""
+        """Store a command as the last one, log a change of its action, and return it."""
         before = None if self._last is None else self._last.action
         self._last, self._time = command, time
         if command.action is before:
@@ -318,19 +320,19 @@ class CommandProver:
 
 
 def contact_limits(robot: Robot, surroundings: Surroundings) -> ContactLimits:
-    """Return the speeds at which limbs and objects bear contact, in the order of their reach sets."""
+    """Return the contact speeds that limbs and objects tolerate, in the order of their reach sets."""
     bodies = {name: track.tracker.body for name, track in surroundings.people.items()}
     limbs = [(name, limb) for name, body in bodies.items() for limb in body.limbs]
     solids = [name for name in surroundings.shapes if name not in surroundings.clouds]
     limbs += [(name, "") for name in solids for _ in surroundings.shapes[name].parts()]
     heights = {name: body.height for name, body in bodies.items()}
-    # A limb may be clamped against an object, wherever that is by then.
+    # A limb may be clamped against an object that moves, so clamping counts everywhere if there are such objects.
     always = bool(surroundings.objects)
     return ContactLimits(robot, surroundings.still, surroundings.rules, limbs, heights, always_clamped=always)
 
 
 def _check_prover(prover: MotionProver, robot: Robot, still: Scene) -> None:
-    """Raise InputError unless a prover is of this robot among exactly the still obstacles."""
+    """Raise InputError unless a prover has this robot and exactly the still obstacles."""
     checker = prover.checker
     if checker.robot.joint_names != robot.joint_names:
         raise InputError(f"is of the robot {checker.robot.name!r}, not of {robot.name!r}", "prover")

@@ -1,23 +1,23 @@
-"""A robot that follows trajectories beside people, with detours around people and retreats from people.
+"""The replanner: a robot follows trajectories among people, with detours around people and retreats from people.
 
-A retreat is a motion that does not reduce the distance to people who are too near for any other motion. A limb is in a
-set when it is measured. Let u be the unit vector along which a body of the robot is farthest from the set where the
-motion begins, and let the plane P be perpendicular to u and touch the body on the side of the set. The body *recedes*
-from the limb if the set is on the other side of P and no point of the body crosses P. Then the limb needs at least as
-long to reach the body as to reach P, which is also the bound for a body that stands.
+A retreat is a motion that does not reduce the distance to people who are too near for any other motion. When a limb is
+measured, it is inside a set. Let u be the unit vector along which a body of the robot is farthest from the set at the
+beginning of the motion. Let the plane P be perpendicular to u and touch the body on the side of the set. The body
+*recedes* from the limb if the set is on the other side of P and no point of the body crosses P. Then the limb needs at
+least as long to reach the body as to reach P. The same bound holds for a body that stands.
 
 Let a vertex of the body be at a distance a ≥ 0 from P at the beginning of the motion, and b ≥ 0 at its end. Let l be
 the arc length of the motion and A a bound of the second derivative of the distance. At an arc length x the vertex is
-below the chord from a to b by at most A x(l − x)/2. So it does not cross P if √a + √b ≥ √(A l²/2). A convex body
-recedes if all its vertices do. A body that only turns about the axis of the first joint stays in the solid that it
-sweeps about this axis: along u a vertex at a distance r from the axis is at least at the point of the axis less r‖u⊥‖.
-Such a body recedes from every set that a plane perpendicular to u separates from this solid.
+below the chord from a to b by at most A x(l − x)/2. So the vertex does not cross P if √a + √b ≥ √(A l²/2). A convex
+body recedes if all its vertices do. A body that only turns about the axis of the first joint stays in the solid that it
+sweeps about this axis. Along u, a vertex at a distance r from the axis is never below the point of the axis by more
+than r‖u⊥‖. Such a body recedes from every set that a plane perpendicular to u separates from this solid.
 
 A body that does not recede must keep its margin as in any other motion. A body that must recede is no faster than
-`RETREAT_SPEED`. People who follow it may touch it, as they may touch a robot that stands.
+`RETREAT_SPEED`. People who follow the body may touch it, as they may touch a robot that stands.
 
-A program is executed in segments, one replanner for each stretch; the next one begins where the robot rests. The places
-of a route are visited in the order in which they are reached soonest.
+A program is executed in segments with one replanner for each stretch; a segment begins where the robot rests after the
+last one. The places of a route are visited in the order of the earliest expected arrival.
 """
 
 from __future__ import annotations
@@ -42,17 +42,19 @@ from safe_ompl.scene import Scene
 _ACCELERATIONS = (1.0, 0.2, 0.0, -1.0)
 # A robot that is slower than this tries a retreat.
 _CRAWL = 0.3  # [rad/s]
-# A retreat begins only if it moves the robot this many times as far as going on would.
+# A retreat begins only if it moves the robot this many times as far as continuing along the path.
 _RETREAT_ADVANTAGE = 2.0
 # Configurations nearer than this are equal.
 _EQUAL_CONFIGURATIONS = 1e-6  # [rad]
-# The robot retreats from limbs that can reach it within the first time; if that fails, within the second.
+# The robot retreats from limbs that can reach it within the first time. If no retreat is found, only limbs that can
+# reach it within the second time count.
 _SOON = (0.2, 0.12)  # [s]
 # The lengths of the retreats that are tried.
 _LENGTHS = (0.6, 0.3, 0.15)  # [rad]
 # The step of finite differences.
 _NUDGE = 1e-4  # [rad]
-# The first joints, up to this many, may stay still, because links near the base cannot move away.
+# The search also tries retreats in which up to this many first joints stand still, because links near the base
+# cannot move away.
 _MOST_STILL_JOINTS = 3
 # Iterations of the search for a direction away from all limbs.
 _DIRECTION_ITERATIONS = 40
@@ -63,18 +65,18 @@ _LEAST_DISTANCE_GAIN = 0.02  # [m/rad]
 
 
 class Replanner(CommandProver):
-    """Makes a robot follow trajectories beside people and objects that move.
+    """Makes a robot follow trajectories among people and objects that move.
 
-    The motion until the next tick, and the stop on the path after it, are always proven: they touch nobody who keeps to
-    the reach model. Where contact is allowed, they touch a limb only at speeds that the limb bears
+    The motion until the next tick, and the stop on the path after it, are always proven: they touch no person or object
+    that stays in its reach sets. If contact is allowed, they touch a limb only at speeds that the limb tolerates
     (`safe_ompl.motions.contact`). At every tick the robot takes the fastest motion that is proven against the newest
     measurement. If there is no such motion, or only slow ones, the robot retreats from people who are near: no body of
-    the robot moves nearer to them, but people who follow the robot may touch it. Otherwise it follows the stop of the
-    tick before, whose proof covers all motions of people until the robot stands. It continues as soon as a motion is
-    proven again.
+    the robot moves nearer to them, but people who follow the robot may touch it. Otherwise the robot follows the stop
+    of the previous tick, whose proof covers all motions of people until the robot stands. The robot continues as soon
+    as a motion is proven again.
 
-    Parameters are those of `CommandProver`. Trajectories and detours keep the limits of the prover. Where the
-    trajectory has a limit of the jerk, all motions keep it, stops and detours included.
+    Parameters are those of `CommandProver`. Trajectories and detours satisfy the limits of the prover. If the
+    trajectory has a jerk limit, all motions satisfy it, including stops and detours.
 
     Examples
     --------
@@ -103,10 +105,10 @@ class Replanner(CommandProver):
     def start(self, trajectory: Trajectory, others: Sequence[FloatArray] = ()) -> None:
         """Follow a trajectory from where the robot stands; detours may lead to other goals `others`, each (n,).
 
-        Its curve is proven anew against all still obstacles. Its limits and caps are kept, except those by people; its
-        time law is not: the robot is as fast as limits and people let it. Raises InputError if the robot moves, or
-        stands elsewhere; if the trajectory is of other joints, or not free; if it has a cap that is proven on its own
-        curve only, such as of danger.
+        The curve of the trajectory is proven again against all still obstacles. Its limits and speed caps hold, except
+        the caps for people. Its time law is not used: the robot is as fast as limits and people allow. Raises
+        InputError if the robot moves or stands elsewhere; if the trajectory has other joints or is not free; or if it
+        has a cap that is proven on its own curve only, such as a cap for danger.
         """
         if trajectory.joint_names != self.robot.joint_names:
             raise InputError(
@@ -137,9 +139,9 @@ class Replanner(CommandProver):
             self.detours.cover(trajectory.curve)
 
     def soonest(self, trajectories: Sequence[Trajectory]) -> int:
-        """Return the index of the trajectory, from where the robot stands, that is expected to end first.
+        """Return the index of the trajectory with the earliest expected end; all begin where the robot stands.
 
-        If nobody was seen yet, or no detours are searched, that is the shortest one.
+        If nobody was seen yet, or no detours are searched, it is the trajectory of the shortest duration.
         """
         if self.detours is None or not self.surroundings.known:
             return int(np.argmin([trajectory.duration for trajectory in trajectories]))
@@ -148,13 +150,13 @@ class Replanner(CommandProver):
         return int(np.argmin([path.coarse.pace(around, self.tick)[0].sum() for path in paths]))
 
     def resume(self, command: Command | None) -> None:
-        """Continue where the robot stands: at the end of a command of this replanner; None: where it began."""
+        """Continue from the end of a command of this replanner, where the robot stands; None: from the beginning."""
         self._last, self._detour, self._retreat = command, None, None
         if command is not None:
             self._path = command.path
 
     def command(self, time: float) -> Command:
-        """Return the command from a time [s] on, which is not before the last command or measurement."""
+        """Return the command from a time [s] on; an InputError if it is before the last command or measurement."""
         path = self._path
         if path is None:
             raise InputError("start a trajectory first")
@@ -180,8 +182,8 @@ class Replanner(CommandProver):
     def think(self, units: int = 60) -> bool:
         """Search a detour if people block or slow the path ahead; return whether the next command has a detour.
 
-        Call it after `command`, in the time that is left until the next one, which takes the detour if it is proven.
-        `units` limits the work: an estimate of an edge is 1 unit, a proof 8. Results are kept for the next call.
+        Call it after `command`, in the time left until the next command, which takes the detour if it is proven.
+        `units` limits the work: an estimate of an edge is 1 unit, a proof 8 units. Results are kept for the next call.
         """
         command = self._last
         if command is None or not self.surroundings.known or command.action is Action.DONE:
@@ -201,7 +203,7 @@ class Replanner(CommandProver):
     def _retreating(
         self, found: Command | None, path: BoundedPath, s: float, speed: float, time: float
     ) -> Command | None:
-        """Return a retreat if it leads much farther than the command found, or continues one; else that command."""
+        """Return a retreat if it moves the robot much farther than `found`, or continues a retreat; else `found`."""
         if found is not None and (found.path is not path or found.action in (Action.MOVING, Action.DONE)):
             return found
         last = self._last
@@ -235,7 +237,7 @@ class Replanner(CommandProver):
 
 
 class Receding:
-    """Which bodies (G,) recede from which of M limbs along motions that begin at s of a path."""
+    """Decides which of G bodies recede from which of M limbs along motions that begin at s of a path."""
 
     def __init__(self, path: BoundedPath, s: float, sets: ReachSets) -> None:
         self._path, self._s, self._sets = path, s, sets
@@ -248,7 +250,7 @@ class Receding:
             self._always[g, near[self._apart[g, near] > lost]] = True
 
     def along(self, motion: StopLaw) -> BoolArray:
-        """Return which pairs (G, M) recede along a motion; if it has a corner, only those that always recede."""
+        """Return which pairs (G, M) recede along a motion; with a corner, only pairs that recede for all motions."""
         path, last = self._path, float(motion.places[-1])
         found, corners = self._always.copy(), path.edges[path.cells.stops]
         if not len(motion.cells) or ((self._s < corners) & (corners < last)).any():
@@ -263,14 +265,15 @@ class Receding:
 def _ahead(bodies: RobotBodies, frames: CellFrames, sets: ReachSets) -> tuple[FloatArray, FloatArray]:
     """Return directions (G, S, 3) from sets to bodies, and lower bounds (G, S) of their distances along these [m].
 
-    The sets are those of the measurement, the frames the first ones. Distances above `_FAR_AWAY` are infinite.
+    The sets are taken at the time of the measurement, and the first of the frames. Distances above `_FAR_AWAY` are
+    infinite.
     """
     axes, apart = bodies.hulls.separating_axes(frames, sets.arrays, _FAR_AWAY)
     return axes, apart - bodies.hulls.pads[:, None] - sets.radii - sets.grown(0.0)
 
 
 class Retreats:
-    """Searches motions of `movable: (n,)` joints that recede from people and are free of still obstacles."""
+    """Searches motions of the `movable` joints (n,) that recede from people and are free of still obstacles."""
 
     def __init__(
         self, prover: MotionProver, bodies: RobotBodies, limits: SpeedLimits, movable: BoolArray | bool = True
@@ -313,7 +316,7 @@ class Retreats:
 
 
 def _away_from_all(rates: FloatArray) -> FloatArray:
-    """Return a direction (n,) in which the least of the rates (P, n) is large, by an iteration like a perceptron's."""
+    """Return a direction (n,) whose least product with the rates (P, n) is large, by the perceptron's iteration."""
     units = rates / np.maximum(np.linalg.norm(rates, axis=1), 1e-9)[:, None]
     sum_ = units.sum(axis=0)
     best, most = sum_, -np.inf
@@ -330,8 +333,8 @@ def _away_from_all(rates: FloatArray) -> FloatArray:
 class Segment:
     """A trajectory that is executed without a change of robot or scene, and a pause [s] after it.
 
-    Without a trajectory it only rests, and the replanner is the one of the segment before. A segment that must
-    stay on its curve has a replanner without detours and retreats.
+    A segment without a trajectory is only a pause, with the replanner of the previous segment. A segment that must stay
+    on its curve has a replanner without detours and retreats.
     """
 
     replanner: Replanner
@@ -346,7 +349,7 @@ class Segment:
 
 
 class SegmentSequence:
-    """Segments in order, each executed once; raises InputError if there is none, or a trajectory is not free."""
+    """Segments that are executed in order; raises InputError if the first has no trajectory, or one is not free."""
 
     def __init__(self, segments: Sequence[Segment]) -> None:
         if not segments or segments[0].trajectory is None:
@@ -359,7 +362,7 @@ class SegmentSequence:
 
     @property
     def current(self) -> Segment:
-        """The segment that is executed now, or was executed last."""
+        """The segment that is being executed, or the last one if all are executed."""
         return self.segments[min(self.done, len(self.segments) - 1)]
 
     @property
@@ -368,7 +371,7 @@ class SegmentSequence:
         return self.done == len(self.segments)
 
     def go_on(self, now: float) -> None:
-        """Begin the next segment if the robot, which stands at the end of this one, has rested for the pause."""
+        """Begin the next segment if the robot has stood at the end of this one for the pause; `now` is in [s]."""
         segment = self.current
         self._rests_since = now if self._rests_since is None else self._rests_since
         if self.finished or now < self._rests_since + segment.pause:
@@ -380,9 +383,10 @@ class SegmentSequence:
 
 
 class Route:
-    """Places that a robot visits in any order, each once in a round; the next one is where it is expected soonest.
+    """Places that a robot visits once in each round; the next place is the one with the earliest expected arrival.
 
-    `trajectories` leads from each of the K ≥ 2 places to each other one, by their indices; the route begins at place 0.
+    `trajectories` maps a pair of indices of the K ≥ 2 places to the trajectory between them. The route begins at
+    place 0.
     """
 
     def __init__(self, trajectories: Mapping[tuple[int, int], Trajectory]) -> None:
@@ -396,14 +400,14 @@ class Route:
     def between(
         cls, places: Sequence[FloatArray], to_and_fro: Callable[[FloatArray, FloatArray], Sequence[Trajectory]]
     ) -> Route:
-        """Return the route between places (n,); the function returns the trajectories between two places, both ways."""
+        """Return the route between places (n,); `to_and_fro` returns both trajectories between two places."""
         found: dict[tuple[int, int], Trajectory] = {}
         for i, k in combinations(range(len(places)), 2):
             found[i, k], found[k, i] = to_and_fro(places[i], places[k])
         return cls(found)
 
     def start(self, replanner: Replanner, q: FloatArray) -> None:
-        """Start from the place at `q: (n,)` to one that is not visited yet; detours may lead to another one."""
+        """Start from the place at `q: (n,)` to one not visited in this round; detours may lead to the others."""
         here = int(np.abs(self.places - q).max(axis=1).argmin())
         self._left = self._left - {here} or {*range(len(self.places))} - {here}
         order = sorted(self._left)

@@ -1,20 +1,20 @@
-"""The shield: follows proposed motions as far as they are proven, at every tick with a stop on the proposed path.
+"""The shield, a safety filter: the robot follows proposed motions as far as they are proven.
 
-A proposal becomes a curve q(s) whose parameter s is the proposed time. It begins in the robot's present position and
-velocity, q(0) = q and q′(0)·ṡ = q̇: positions are joined by the cubic spline through them, with continuous
-accelerations; a velocity is approached, held and left with half of the joints' accelerations. The robot follows the
-curve with ṡ ≤ 1: never faster than proposed, and at ṡ = 1 in the proposed timing.
+A proposal becomes a curve q(s) whose parameter s is the proposed time. The curve begins in the robot's present position
+and velocity: q(0) = q and q′(0)·ṡ = q̇. Proposed positions are joined by a cubic spline with continuous accelerations.
+A proposed velocity is approached, held and left with half of the joints' acceleration limits. The robot follows the
+curve with ṡ ≤ 1, so never faster than proposed; ṡ = 1 is the proposed timing.
 
-What is executed is always the motion until the next tick and a stop on the same curve, both proven:
+The robot always executes the motion until the next tick and then a stop on the same curve. Both are proven:
 
-* The curve is proven free of still obstacles piece by piece (`MotionProver.check_curve`), in a window that holds
-  every stop, and it is cut where the proof ends. ṡ is 0 there, so that every motion stays on the proven part.
-* In each cell of the curve |q′|b + |q″|ṡ² is within the acceleration limits, with b the braking along the curve. If a
-  stop from ṡ = 1 would leave the window, ṡ is below 1: a proposal with too large accelerations is followed later.
-* Motion and stop keep the margin to everybody who moves as in the `Replanner`, by the same code.
+* The curve is proven free of still obstacles piece by piece (`MotionProver.check_curve`), in a window that contains
+  every stop. The curve is cut where the proof ends. ṡ is 0 there, so every motion stays on the proven part.
+* In each cell of the curve |q′|b + |q″|ṡ² is within the acceleration limits; b is the braking along the curve. If a
+  stop from ṡ = 1 would leave the window, ṡ is below 1, and a proposal with too large accelerations is followed late.
+* Motion and stop keep the margin to all moving people and objects as in the `Replanner`, by the same code.
 
-If a proposal cannot be used, or no motion on it is proven, the robot follows the stop of the command before. Its proof
-covers all that people may do until the robot stands, and does not depend on the proposal.
+If a proposal is invalid, or no motion on it is proven, the robot follows the stop of the previous command. The proof of
+this stop covers all motions of people until the robot stands, and does not depend on the proposal.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _log = logging.getLogger(__name__)
 
 # The largest cell of a curve.
 _CELL = 0.02  # [s]
-# ṡ may grow by this much in a tick in which people make the robot slow.
+# ṡ may grow by this much in a tick in which people slow the robot down.
 _FASTER = 0.1
 # A piece that is not proven is halved at most this often.
 _CUTS = 4
@@ -53,20 +53,21 @@ _NO_PROPOSAL = "nothing was proposed"
 
 @dataclass(frozen=True)
 class ShieldCommand(Command):
-    """A `Command`, and what the shield changed of the proposal; `reason` says why."""
+    """A `Command` with its difference from the proposal; `reason` explains the difference."""
 
     # Whether the robot follows the newest proposal. Otherwise it follows an earlier stop, or stands.
     follows: bool = True
-    # How late the robot will be at the end of the tick, against the timing of the newest proposal [s].
+    # The delay of the robot at the end of the tick, relative to the timing of the newest proposal [s].
     delay: float = 0.0
 
 
 class Shield(CommandProver):
-    """Follows the motions that a policy, a teleoperator or another planner proposes, as far as they are proven.
+    """Makes a robot follow proposals of a policy, a teleoperator or another planner as far as they are proven.
 
-    At every tick: `update` with what sensors saw, one of `propose`, `propose_velocity` and `propose_twist`, and
-    `command`. The robot stays on the proposed path and is as near to the proposed timing as limits and proofs allow.
-    Without a new proposal it continues the last one. Without a new command it stops at the end of the last one.
+    At every tick call `update` with the measurements, one of `propose`, `propose_velocity` and `propose_twist`, and
+    `command`. The robot stays on the proposed path and as near to the proposed timing as limits and proofs allow.
+    Without a new proposal the robot continues the last one. Without a new command it follows the last command to its
+    stop.
 
     Parameters are those of `CommandProver`.
 
@@ -87,30 +88,31 @@ class Shield(CommandProver):
     _rest: BoundedPath | None = None
     _proposal: Positions | Velocity | None = None
     _refused = _NO_PROPOSAL
-    # The proposal that the last command follows.
+    # The path along a proposal that the last command follows.
     _way: _Way | None = None
-    # When the newest proposal began [s], unknown until its first command, and where in it the robot joins.
+    # The time at which the newest proposal began [s], NaN until its first command; and the time in the proposal at
+    # which the robot joins it [s].
     _clock = _begin = np.nan
 
     @cached_property
     def limits(self) -> SpeedLimits:
-        """Limits of joints, tool and links."""
+        """Limits of the speeds of joints, tool and links."""
         given = self.options.limits
         return SpeedLimits(RateLimits.of(self.robot)) if given is None else given
 
     @cached_property
     def _window(self) -> float:
-        """The duration of a proposal that is proven at once [s]: a tick and the longest stop."""
+        """Duration of the part of a proposal that is proven in one tick [s]: a tick and the longest stop."""
         joints = self.limits.joints
         return self.tick + averaging_window(joints) + 0.5 / least_brake(joints) + 2 * _CELL
 
     # ----------------------------------------------------------------------------------------------- what is called
 
     def start(self, q: ArrayLike) -> None:
-        """Take the configuration (n,) at which the robot stands [rad or m]; proposals are forgotten.
+        """Set the configuration (n,) at which the robot stands [rad or m]; earlier proposals are dropped.
 
-        A start outside the limits raises InputError, however near to them: the first command would jump to the limit.
-        If the robot's controller accepts that jump, give `Robot.clipped_start` of the start.
+        Raises InputError if the robot still moves, or if the start is outside the limits by any amount: the first
+        command would jump to the limit. If the robot's controller accepts this jump, pass `Robot.clipped_start(q)`.
         """
         last = self._last
         if last is not None and last.action not in (Action.DONE, Action.STANDING):
@@ -120,7 +122,7 @@ class Shield(CommandProver):
             raise InputError(beyond, "start")
         still = Motion(np.array([0.0, 1.0]), np.array([[here, *np.zeros((3, self.robot.n))]]), timed=False)
         self._rest = rest = self._path(still)
-        # The first proof makes and loads what all need: here, and not within the first tick.
+        # The first proof allocates and loads data that all proofs need. It runs here so that the first tick is fast.
         self.prover.proven_by_bounds(still.coefficients)
         self.prover.check_curve(still.coefficients[0])
         rest.margin(rest.motion_from(0.0, 0.0, -1.0, self.tick), Around(ReachSets.none()))
@@ -128,40 +130,41 @@ class Shield(CommandProver):
         self._proposal, self._refused = None, _NO_PROPOSAL
 
     def propose(self, motion: Any, rate: float | None = None, start: float | None = None) -> bool:
-        """Propose a chunk of positions, or a spline; return whether it can be used.
+        """Propose a chunk of positions, or a spline; return whether the proposal is valid.
 
-        If not, the robot follows its stop, and the next commands and the log say why. The chunk must not jump: no joint
-        may need more than twice its velocity limit from one position to the next. A robot that moves in another
-        direction than the chunk, and cannot turn soon enough, passes over the next two positions.
+        If it is invalid, the robot follows its stop, and the next commands and the log give the reason. The chunk must
+        not jump: no joint may need more than twice its velocity limit from one position to the next. A robot that moves
+        in another direction than the chunk, and cannot change its direction in time, skips the next two positions.
 
-        A robot that moves away from the positions goes past them. By one curve to a position that is h seconds ahead it
-        goes at most 0.2 |q̇| h past it, as the cubic spline does; by one line of braking |q̇| maxⱼ(|q̇ⱼ|/aⱼ)/2. With a
-        limit of the jerk it follows the stop of the command before until a curve can join, which may last as long as
-        the slowest stop does. Of proposals that are made anew at every tick no bound of the sum is proven: among random
-        ones without a limit of the jerk no joint went past by more than twice v²/2a and what it does in a tick, with a
-        limit it was up to 11 mrad more.
+        A robot that moves away from the positions overshoots. On one curve to a position that is h seconds ahead the
+        overshoot is at most 0.2 |q̇| h, as of the cubic spline; by one line of braking |q̇| maxⱼ(|q̇ⱼ|/aⱼ)/2. With
+        a jerk limit the robot follows the stop of the previous command until a curve can join, at most for the duration
+        of the slowest stop. For proposals that change at every tick no bound of the total overshoot is proven. With
+        random proposals and no jerk limit, no joint overshot by more than twice v²/2a plus its motion in one tick; with
+        a jerk limit the overshoot was up to 11 mrad larger.
 
         Parameters
         ----------
         motion : array_like of shape (K, n), Motion, or what `Motion.of` takes
-            A chunk of positions [rad or m], position k at k / rate; or a spline in time, of which the positions at its
-            knots are taken, and between them at every 0.05 s. Of positions denser than 0.01 s some are left out.
+            A chunk of positions [rad or m], position k at time k / rate; or a spline in time, which is sampled at its
+            knots and every 0.05 s between them. Positions less than 0.01 s apart are thinned out.
         rate : float, optional
-            Of the chunk [Hz]; without it `motion` must be a motion in time.
+            Rate of the chunk's positions [Hz]; without it `motion` must be a motion in time.
         start : float, optional
-            When it begins [s]; what is past by the next command is left out, and until it begins the robot goes to its
-            first position. Default: with the next command.
+            The time at which the proposal begins [s]. The part before the next command is left out; before it begins,
+            the robot moves to its first position. Default: the time of the next command.
         """
         return self._take(lambda: Positions.of(motion, rate, start, self.robot, self.limits.joints))
 
     def follow(self, motion: Motion, since: float = 0.0, within: float = _EQUAL_POSITIONS) -> float:
-        """Drive a whole motion on its own curve, from a time `since` of it [s] on; return where on it that begins [s].
+        """Execute a whole motion on its own curve, from its time `since` [s] on; return the time of its begin [s].
 
-        Call it after `start`. All of it is proven among what stands still here, and not in the ticks. Where people are
-        in the way the robot stops on it, and goes on as soon as it may. It stops where velocities jump; a motion of
-        lines is driven along the spline through its positions (see `propose`). A robot that stands elsewhere goes over
-        first, if no joint is farther than `within` [rad or m]. Raises InputError if one is, if a command was given
-        already, or if the motion is not free: what is in its way, and when.
+        Call it after `start`. The whole motion is proven against still obstacles here, not in the ticks. If people
+        block the motion, the robot stops on it and continues as soon as a motion is proven. The robot also stops where
+        velocities jump. A motion of straight lines is executed along the spline through its positions (see `propose`).
+        A robot that stands elsewhere first moves to the beginning, if no joint is farther away than `within` [rad or
+        m]; the time returned is then before `since`. Raises InputError if a joint is farther away, if a command was
+        given before, or if the motion is not free; the message names the obstacle and the time.
         """
         if self._rest is None or self._last is not None:
             raise InputError("start where the robot stands first")
@@ -192,22 +195,22 @@ class Shield(CommandProver):
         return begin
 
     def propose_velocity(self, velocity: ArrayLike) -> bool:
-        """Propose a velocity of the joints (n,) [rad/s or m/s], held until the next tick; returns as `propose`.
+        """Propose joint velocities (n,) [rad/s or m/s] until the next tick; return whether they are valid.
 
-        Joints approach it with half of their accelerations. If no other proposal comes the robot stops.
+        Joints approach the velocities with half of their acceleration limits. Without another proposal the robot stops.
         """
         return self._take(partial(self._velocity, velocity, of_tip=False))
 
     def propose_twist(self, twist: ArrayLike) -> bool:
-        """Propose a twist of the tip (6,), linear [m/s], angular [rad/s], in world-aligned axes; as `propose_velocity`.
+        """Propose a twist v (6,) of the tip, linear [m/s] then angular [rad/s], in world axes; as `propose_velocity`.
 
-        The joints get q̇ = Jᵀ(JJᵀ + λ²)⁻¹v with λ = 0.05: near a singularity the tip is slower than v, and q̇ stays
-        below ‖v‖/2λ. Where a joint would be too fast the robot is slower in the same direction.
+        The joint velocities are q̇ = Jᵀ(JJᵀ + λ²)⁻¹v with λ = 0.05: near a singularity the tip is slower than v, and q̇
+        stays below ‖v‖/2λ. If a joint would exceed its limit, all joints are slowed down by the same factor.
         """
         return self._take(partial(self._velocity, twist, of_tip=True))
 
     def command(self, time: float) -> ShieldCommand:
-        """Return what the robot does from a time [s] on, which is not before the last command or measurement."""
+        """Return the command from a time [s] on; an InputError if it is before the last command or measurement."""
         if self._rest is None:
             raise InputError("start where the robot stands first")
         last = self._last
@@ -228,7 +231,7 @@ class Shield(CommandProver):
             found = self._kept(path, s, speed, time)
             found = replace(found, reason=why) if why else found
         delay = 0.0
-        # A source of velocities sends a new one with every tick.
+        # A velocity is valid for one tick only.
         if not follows and isinstance(self._proposal, Velocity):
             self._proposal, self._refused = None, "no new velocity was proposed"
         if self._proposal is not None:
@@ -236,15 +239,15 @@ class Shield(CommandProver):
         return self._given(ShieldCommand(**vars(found), follows=follows, delay=delay), time)
 
     def log_tick(self) -> dict[str, Any]:
-        """Return a tick of a log; besides, whether the command follows the newest proposal, and how far behind."""
+        """Return a tick of a log, with whether the command follows the newest proposal and its delay [s]."""
         found, last = super().log_tick(), self._last
         assert isinstance(last, ShieldCommand)
         return {**found, "follows": last.follows, "delay": last.delay}
 
     def _slower(self, path: BoundedPath, s: float, speed: float, time: float) -> Command | None:
-        """Return the fastest proven motion with less acceleration, or with a bound of ṡ near to what ṡ is.
+        """Return the fastest proven motion with less acceleration, or with ṡ bounded near its present value.
 
-        Bends then take less of the accelerations, so that the stop is shorter.
+        With the bound, curvature needs less of the acceleration limits, so that the stop is shorter.
         """
         fast = speed if self._past is None else max(speed, float(np.sqrt(self._past.squared_speeds.max())))
         slow = path.slowed(np.minimum(np.sqrt(path.squared_limits), fast + _FASTER), HARDEST)
@@ -254,7 +257,7 @@ class Shield(CommandProver):
     # ------------------------------------------------------------------------------------------------------- ways
 
     def _take(self, make: Callable[[], Positions | Velocity]) -> bool:
-        """Keep a proposal as the newest one, or the reason why it is none."""
+        """Make a proposal and store it as the newest one, or store the reason why it is invalid."""
         before, self._proposal, self._clock = self._refused, None, np.nan
         try:
             self._proposal, self._refused = make(), ""
@@ -269,7 +272,7 @@ class Shield(CommandProver):
         return Velocity(self.robot, self.limits.joints, finite_array(given, shape, what), self.tick, of_tip)
 
     def _next_way(self, time: float, s: float, speed: float) -> tuple[_Way | None, float, float, str]:
-        """Return on which way the robot goes on, from which s and ṡ on; if there is none, why."""
+        """Return the path along the proposal that the robot follows next, its s and ṡ there; without a path, why."""
         proposal, way, last = self._proposal, self._way, self._last
         assert proposal is not None
         assert self._rest is not None
@@ -301,7 +304,7 @@ class Shield(CommandProver):
     def _joined(
         self, proposal: Positions | Velocity, curve: Motion, begin: float, rate: float, acceleration: float
     ) -> tuple[_Way | None, str]:
-        """Return the way along a curve as far as that is proven; none if the robot cannot join it, and perhaps why."""
+        """Return the proven part of a curve as a path; None, and perhaps the reason, if the robot cannot join it."""
         length = curve.length if isinstance(proposal, Velocity) else min(curve.length, self._window)
         whole = begin + length >= proposal.duration - _EQUAL_POSITIONS or isinstance(proposal, Velocity)
         curve = curve.part(0.0, length) if length < curve.length else curve
@@ -320,7 +323,7 @@ class Shield(CommandProver):
         return _Way(proposal, path, begin, whole and not blocked, blocked), ""
 
     def _proven_share(self, piece: FloatArray) -> tuple[float, MotionVerdict | None]:
-        """Return which share of a piece (4, n) is proven, by halving; and what is in the way of the rest, if any."""
+        """Return the share of a piece (4, n) that is proven, by halving, and the first verdict that was not free."""
         first, share = None, 1.0
         for _ in range(1 + _CUTS):
             verdict = self.prover.check_curve(piece * share ** np.arange(len(piece))[:, None])
@@ -339,16 +342,16 @@ class _Way(NamedTuple):
 
     proposal: Positions | Velocity
     path: BoundedPath
-    # The time in the proposal at which it begins [s].
+    # The time in the proposal at which the path begins [s].
     begin: float
-    # Whether it reaches the end of the proposal.
+    # Whether the path reaches the end of the proposal.
     whole: bool
     # The still obstacle that blocks the proposal, if there is one.
     blocked: str
 
 
 def _explained(command: Command, way: _Way, s: float, tick: float) -> Command:
-    """Return a command on a way with the reason why it is slower than proposed, if nobody who moves is that."""
+    """Add to a command the reason why it is slower than proposed, if the reason is not a moving person or object."""
     if command.reason:
         return command
     if command.action is Action.DONE:
@@ -363,7 +366,7 @@ def _explained(command: Command, way: _Way, s: float, tick: float) -> Command:
 
 
 def _blocked(verdict: MotionVerdict, when: str) -> str:
-    """Say what stands still in the way."""
+    """Return a message that names the still obstacle, or the joint limit, that blocks a motion."""
     first, second = verdict.pair or ("nothing", "proven free")
     what = f"joint {first!r} leaves its limits" if second == "its limits" else f"{first} and {second}"
     return f"not free of what stands still {when}: {what}"

@@ -1,4 +1,4 @@
-"""The cost functional of a path: length, and densities such as danger along it; with the exact gradient."""
+"""The cost functional of a path: its length, and integrals of densities such as danger, with exact gradients."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _REFERENCE_SAMPLES = 64
 
 
 class DangerDensity:
-    """λ·CDF(q)² with λ = weight/reference(CDF)², so that one weight ≥ 0 serves all robots and scenes."""
+    """Danger cost per radian, λ·CDF(q)² with λ = weight/reference(CDF)², so that one weight ≥ 0 fits all scenes."""
 
     def __init__(self, field: DangerField, reference: float, weight: float = WEIGHT) -> None:
         self.field = field
@@ -34,19 +34,19 @@ class DangerDensity:
         return density
 
     def terms(self, chosen: BoolArray | None = None) -> DangerTerms:
-        """Return the density, or that of the danger points which are chosen (M,), for compiled code."""
+        """Return the density, of all danger points or of the `chosen` ones (M,), in the form of the Cython kernels."""
         coupling, weight = self.field.robot.coupling, self.weight / self.reference**2
         return DangerTerms(self.field.point_danger(chosen), weight, coupling.matrix, coupling.offsets)
 
 
 def reference_danger(field: DangerField, checker: CollisionChecker) -> float:
-    """Return the median danger over valid configurations, the scale of robot and scene; 1 if nothing is dangerous."""
-    # The seed is fixed, so that the scale does not depend on earlier calls.
+    """Return the median danger over valid configurations of robot and scene; 1 if the median is 0."""
+    # The seed is fixed, so that the reference does not depend on earlier calls.
     robot, rng = checker.robot, np.random.default_rng(0)
     samples = rng.uniform(robot.lower, robot.upper, (_REFERENCE_SAMPLES, robot.n))
     valid = samples[MotionProver(checker).are_free(samples, samples)]
     danger = np.sort(field.values(valid if len(valid) else samples))
-    # The median without NumPy's function, whose first call imports masked arrays, 20 ms of a start.
+    # The first call of `np.median` would import masked arrays, which takes 20 ms.
     return 0.5 * float(danger[(len(danger) - 1) // 2] + danger[len(danger) // 2]) or 1.0
 
 
@@ -74,10 +74,11 @@ _CLEARANCE_SAMPLE_DISTANCE = 0.03  # [rad]
 
 
 class ObstacleCost:
-    """Obstacle cost of a radian of path, w Σ ((1 − d/D)₊² + 10 (1 − d/d₀)₊²) over pairs of link and obstacle.
+    """Obstacle cost per radian of path, w Σ ((1 − d/D)₊² + 10 (1 − d/d₀)₊²) over pairs of link and obstacle.
 
-    d [m] is the distance of the two, D > 0 where obstacles begin to count; d₀ ≤ D what the ends of a path allow, 0 at
-    first. Exact distances cost most: their witnesses move with the links, and serve for paths near the first one.
+    d [m] is the distance of a pair, and D > 0 the distance below which obstacles count. d₀ ≤ D depends on the clearance
+    of the path's ends, and is 0 at first. Exact distances take most of the time. Therefore their witness points are
+    kept, move with the links, and are used again for paths near the first one.
     """
 
     def __init__(self, checker: CollisionChecker, distance: float) -> None:
@@ -86,7 +87,7 @@ class ObstacleCost:
         self._checker, self._distances = checker, PairDistances(checker, self.distance)
 
     def afresh(self, allowed: float) -> ObstacleCost:
-        """Return the same for another path; `allowed` is its d₀ [m], at most D."""
+        """Return the obstacle cost for another path; `allowed` is its d₀ [m], which is limited to D."""
         other = copy(self)
         other.allowed = max(0.0, min(self.distance, allowed))
         return other
@@ -94,7 +95,7 @@ class ObstacleCost:
     def clearances(self, path: FloatArray) -> tuple[float, float]:
         """Return the least clearance [m] of the ends of a path (N, n), and at samples along it; ≥ 0."""
         checker, ends = self._checker, self._distances.least(path[[0, -1]], self.distance)
-        # Only in this case the distances of all pairs are needed.
+        # The distances of pairs beyond D are needed only in this case.
         if ends == self.distance:
             ends = PairDistances(checker, np.inf).least(path[[0, -1]], np.inf)
         ends = max(0.0, ends)
@@ -104,7 +105,7 @@ class ObstacleCost:
         return ends, max(0.0, distances.least(Curve(checker.robot, path).spread(_CLEARANCE_SAMPLE_DISTANCE), ends))
 
     def near(self, Q: FloatArray) -> NearPairs:
-        """Return what is nearer than D at `Q: (B, n)`."""
+        """Return the pairs of link and obstacle that are nearer than D at `Q: (B, n)`."""
         return self._distances.near(Q, self.distance)
 
     def values(self, Q: FloatArray) -> FloatArray:
@@ -113,6 +114,6 @@ class ObstacleCost:
 
     @property
     def hinges(self) -> FloatArray:
-        """D and w, and d₀ and 10 w if that counts, (1 or 2, 2)."""
+        """The distances [m] and weights of the hinge costs (1 or 2, 2): D and w, and if d₀ > 0 also d₀ and 10 w."""
         hinges = [(self.distance, _OBSTACLE_WEIGHT), (self.allowed, _STEEPNESS * _OBSTACLE_WEIGHT)]
         return np.array(hinges[: 1 + (self.allowed > 0)])

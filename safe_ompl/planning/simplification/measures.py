@@ -1,4 +1,4 @@
-"""Paths by arc length: resampling, and what is measured along one, danger and clearance of obstacles."""
+"""Paths by arc length: resampling, and the danger and the clearance along a path."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from safe_ompl.robot import Robot, plain
 
 
 class Curve:
-    """A path by its arc length in joint space, unrolled, so that nothing jumps where a continuous joint wraps."""
+    """A path by its arc length in joint space; the angles of continuous joints do not jump at ±π."""
 
     def __init__(self, robot: Robot, path: FloatArray) -> None:
         self._points = robot.unrolled(path)
         self.length = path_length(self._points)
 
     def spread(self, step: float) -> FloatArray:
-        """Return configurations (S, n) at equal steps, no longer than `step` [rad], from start to goal."""
+        """Return configurations (S, n) at equal steps of at most `step` [rad] from start to goal."""
         return spread(self._points, step)[0]
 
     def at(self, s: FloatArray) -> FloatArray:
@@ -30,29 +30,32 @@ class Curve:
         return at_arc_lengths(self._points, plain(s))
 
 
-# Segments near obstacles are halved if they are longer than this. Finer segments descend slowly.
+# Edges near obstacles are halved if they are longer than this. With shorter edges the descent converges slowly.
 _LONGEST_NEAR_SEGMENT = 0.25  # [rad]
 
 
 def path_length(path: FloatArray) -> float:
-    """Return the length [rad] of an unrolled path (N, n)."""
+    """Return the length [rad] of a path (N, n) without jumps of continuous joints."""
     return float(arc_lengths(plain(path))[-1])
 
 
 def divided(path: FloatArray, spacing: float) -> FloatArray:
-    """Return the same path (N, n) with way points no more than `spacing` apart [rad]."""
+    """Return the same path with way points (N', n) at most `spacing` apart [rad]."""
     steps = path[1:] - path[:-1]
     counts = np.maximum(1, np.ceil(np.linalg.norm(steps, axis=1) / spacing)).astype(int)
     segment = np.repeat(np.arange(len(steps)), counts)
     place = np.arange(len(segment)) - np.repeat(np.cumsum(counts) - counts, counts)
     inner = path[segment] + (place / counts[segment])[:, None] * steps[segment]
-    # Way points of the path stay what they are to the last bit.
+    # The given way points stay exactly equal, without rounding.
     inner[place == 0] = path[:-1]
     return np.vstack([inner, path[-1]])
 
 
 def refined(path: FloatArray, rows_near: Callable[[FloatArray], IntArray]) -> FloatArray:
-    """Return the same unrolled path (N, n) with halved segments near obstacles, the `rows_near(Q)` of `Q: (B, n)`."""
+    """Return the same path (N', n) with halved edges near obstacles.
+
+    `rows_near(Q)` returns the indices of the configurations of `Q: (B, n)` that are near obstacles.
+    """
     long = np.flatnonzero(np.linalg.norm(path[1:] - path[:-1], axis=1) > _LONGEST_NEAR_SEGMENT)
     middles = 0.5 * (path[long + 1] + path[long])
     near = np.zeros(len(path) + len(long), dtype=bool)
@@ -62,7 +65,7 @@ def refined(path: FloatArray, rows_near: Callable[[FloatArray], IntArray]) -> Fl
 
 
 def with_way_points(path: FloatArray, places: FloatArray, apart: float) -> FloatArray:
-    """Return the same path (N, n) with way points at arc lengths (K,), unless others are less than `apart` away."""
+    """Return the same path with way points at arc lengths (K,) [rad], unless a way point is nearer than `apart`."""
     arc = arc_lengths(plain(path))
     for place in places:
         if np.abs(arc - place).min() >= apart:
@@ -73,7 +76,7 @@ def with_way_points(path: FloatArray, places: FloatArray, apart: float) -> Float
     return path
 
 
-# A path is near an obstacle below this distance, in `length_below_50mm`.
+# The distance of `length_below_50mm`.
 NEAR = 0.05  # [m]
 PROFILE_POINTS = 101
 # The largest distance between two samples of a path.
@@ -86,10 +89,10 @@ _CLEARANCE_BISECTIONS = 12
 class DangerReport:
     """Danger along a path (paper §5: profiles over the path's natural parameter).
 
-    `profile` (101,) is the CDF at equal steps from start to goal, `max` the largest danger found. No configuration is
-    more dangerous than `max_bound`, a proven bound; None where the path leaves the limits, infinity on a danger point.
-    `integral` is ∫ CDF(q(s)) ds [field · rad], `avoidable` the part of it between two less dangerous places of the
-    path, above max(min_{t ≤ s} CDF(q(t)), min_{t ≥ s} CDF(q(t))) (`docs/scenarios.md`).
+    `profile` (101,) is the CDF at equal steps from start to goal, and `max` the largest danger of the samples.
+    `max_bound` is a proven upper bound of the danger on the whole path; it is None if the path leaves the limits, and
+    infinity if a danger point is touched. `integral` is ∫ CDF(q(s)) ds [field · rad]. `avoidable` is the part of the
+    integral above max(min_{t ≤ s} CDF(q(t)), min_{t ≥ s} CDF(q(t))) (`docs/scenarios.md`).
     """
 
     profile: FloatArray
@@ -104,8 +107,9 @@ class DangerReport:
 class ClearanceReport:
     """Distance between robot and obstacles along a path [m].
 
-    `link` and `obstacle` are those between which it is least, `at` is where, as a fraction of the length. The robot is
-    nearer than 50 mm on `length_below_50mm` of path [rad]. `obstacles` has the least distance to each, at samples.
+    `link` and `obstacle` are the nearest pair, and `at` is the place of the least distance as a fraction of the length.
+    On `length_below_50mm` [rad] of the path the robot is nearer than 50 mm. `obstacles` has the least sampled distance
+    to each obstacle.
     """
 
     min: float
@@ -118,7 +122,7 @@ class ClearanceReport:
 
 
 def sampled_places(length: float) -> FloatArray:
-    """Return the arc lengths (S,) [rad] at which a path of some length is looked at."""
+    """Return the arc lengths (S,) [rad] at which a path of this length [rad] is sampled."""
     return np.linspace(0.0, length, max(PROFILE_POINTS, 1 + int(np.ceil(length / _SAMPLE_DISTANCE))))
 
 
@@ -139,7 +143,7 @@ def danger_along(path: FloatArray, field: DangerField, s: FloatArray, samples: F
 
 
 def forced_danger(values: FloatArray) -> FloatArray:
-    """Return what the ends force of the danger (S,) along a path: the larger of its minima so far and from there on."""
+    """Return the unavoidable danger (S,): the larger of the minima of the danger (S,) before and after each sample."""
     before = np.minimum.accumulate(values)
     after = np.minimum.accumulate(values[::-1])[::-1]
     return np.maximum(before, after)
@@ -161,7 +165,7 @@ def clearance_along(curve: Curve, checker: CollisionChecker, s: FloatArray, samp
     k = int(distances.argmin())
     least, at = Clearance(float(distances[k]), *names[every[k].argmin()]), float(s[k])
     step = float(s[1] - s[0])
-    # The clearance may be less beside the sample with the least clearance.
+    # The least clearance may be between the samples, so it is searched beside the sample of least clearance.
     for _ in range(_CLEARANCE_BISECTIONS if step else 0):
         step /= 2
         for side in (-step, step):

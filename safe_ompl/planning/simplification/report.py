@@ -1,4 +1,4 @@
-"""Validation of a path, and the report on it: what is proven, danger, clearance and length."""
+"""Validation of a path, and the report on a path: its proof, danger, clearance and length."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _Measured = TypeVar("_Measured")
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """What the user's own checker, by its `name`, says of a path at samples `resolution` [rad] apart."""
+    """Result of a user's checker, by its `name`, for a path at samples `resolution` [rad] apart."""
 
     name: str
     resolution: float
@@ -42,11 +42,12 @@ class CheckOutcome:
 
 @dataclass(frozen=True)
 class Validation:
-    """What is proven of a path: true if every edge is, and the user's own checker does not refuse it.
+    """Result of the validation of a path; true if every edge is proven and the user's checker accepts the path.
 
-    `proven` says whether every edge is free, and within the limits of `claims`: "collision", "min clearance", "max
-    danger", "moving obstacles", "tool orientation", "tip position". `refused` is the first edge that is not, or that
-    the checker refuses, and why. `checks` is what the checker says, if there is one: nothing can be proven of it.
+    `proven` is whether every edge is proven to satisfy all `claims`: "collision", "min clearance", "max danger",
+    "moving obstacles", "tool orientation", "tip position". `refused` is the index of the first edge that is not proven,
+    or that the user's checker refuses, with the verdict. `checks` has the results of the user's checkers, which are
+    sampled, not proven.
     """
 
     proven: bool
@@ -64,7 +65,7 @@ class Validation:
 
     @property
     def why(self) -> str:
-        """Which edge is refused, where, and for which pair; empty where none is."""
+        """A message with the edge that is refused, the place on it, and the pair of bodies; empty if there is none."""
         if self.refused is None:
             return ""
         edge, verdict = self.refused
@@ -73,7 +74,7 @@ class Validation:
         return f"edge {edge} is {verdict.verdict.value}{at}{pair}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as plain numbers, lists and strings."""
+        """Return the validation as a dict of plain values."""
         return {
             "proven": self.proven,
             "claims": list(self.claims),
@@ -82,9 +83,9 @@ class Validation:
 
 
 def validate(path: ArrayLike, motion: MotionProver) -> Validation:
-    """Return what can be proven of a path (N, n), and what the user's own checks among the motion's limits say.
+    """Prove every edge of a path (N, n), and ask the user's checkers among the limits of the prover.
 
-    An InputError if the path is empty, or as `Robot.way_points`.
+    Raises InputError if the path is empty; other errors as `Robot.way_points`.
     """
     path = motion.checker.robot.way_points(path)
     if not len(path):
@@ -101,7 +102,10 @@ def validate(path: ArrayLike, motion: MotionProver) -> Validation:
 
 
 def first_refused(path: FloatArray, motion: MotionProver | UserCheck) -> tuple[int, MotionVerdict] | None:
-    """Return the first edge of a path (N, n) that is not proven free, with the verdict; one way point is an edge."""
+    """Return the index of the first edge of a path (N, n) that is not proven free, with the verdict, or None.
+
+    A path of one way point is one edge.
+    """
     ends = path[1:] if len(path) > 1 else path
     for k, (start, end) in enumerate(zip(path, ends, strict=False)):
         verdict = motion.check(start, end)
@@ -111,11 +115,12 @@ def first_refused(path: FloatArray, motion: MotionProver | UserCheck) -> tuple[i
 
 
 class PathReport:
-    """Report on one path; danger and clearance are computed when they are first looked at.
+    """Report on one path; danger and clearance are computed on first use.
 
-    `certified` and `refused` are known from the beginning. What is computed later belongs to the path, the robot, the
-    scene and the field as they were. `length` is Euclidean, in joint space [rad]; of `links_without_collision` nothing
-    is known, as they have no collision geometry; `time` [s] is how long danger and clearance took so far.
+    `certified` and `refused` are known from the beginning. Danger and clearance are those of the path, the robot, the
+    scene and the field at the time of the validation. `length` is Euclidean, in joint space [rad].
+    `links_without_collision` have no collision geometry, so nothing is proven of them. `time` [s] is the duration of
+    computing danger and clearance so far.
 
     Examples
     --------
@@ -143,9 +148,9 @@ class PathReport:
         field: DangerField | None = None,
         motion: MotionProver | None = None,
     ) -> PathReport:
-        """Validate a path (N, n) [rad or m] of straight motions, and return the report on it; errors as `validate`.
+        """Validate a path (N, n) [rad or m] of straight edges, and return its report; errors as `validate`.
 
-        By default a `MotionProver` with the checker is the validator.
+        The default of `motion` is a `MotionProver` with the checker.
         """
         report = cls.__new__(cls)
         report.validation = validate(path, motion or MotionProver(checker))
@@ -167,7 +172,7 @@ class PathReport:
 
     @cached_property
     def danger(self) -> DangerReport | None:
-        """Danger along the path; None where no danger field is given."""
+        """Danger along the path; None without a danger field."""
         return self._timed(self._measure_danger)
 
     @cached_property
@@ -183,16 +188,16 @@ class PathReport:
 
     @property
     def certified(self) -> bool:
-        """Whether every edge is proven free, and no check of the user's own refuses it."""
+        """Whether every edge is proven free, and the user's checker accepts the path."""
         return bool(self.validation)
 
     @property
     def refused(self) -> tuple[int, MotionVerdict] | None:
-        """The first edge that is not proven free, and why; None for a certified path."""
+        """The index of the first edge that is not proven free, and the verdict; None for a certified path."""
         return self.validation.refused
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what travels to other processes: the numbers, not what they come from."""
+        """Return the state for pickling: the computed numbers, without robot, scene and field."""
         numbers = {"danger": self.danger, "clearance": self.clearance}
         return {key: value for key, value in vars(self).items() if not key.startswith("_")} | numbers
 
@@ -200,7 +205,7 @@ class PathReport:
         return f"PathReport({self.length:.3g} rad, {self.validation})"
 
     def __str__(self) -> str:
-        """Say in three lines how long and dangerous the path is, how near it passes, and what is proven."""
+        """Return a summary of three lines: length and danger, clearance, and proof."""
         danger, clearance, unknown = self.danger, self.clearance, self.links_without_collision
         said = "" if danger is None else f", danger mean {danger.mean:.3f}, max {danger.max:.3f}"
         if danger is not None and not danger.max:  # only without danger points
@@ -214,7 +219,7 @@ class PathReport:
     _repr_html_ = notebook_html
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the report as plain numbers, lists and strings, in the form of the command line's JSON."""
+        """Return the report as a dict of plain values, which the command line writes as JSON."""
         danger = None if self.danger is None else {**vars(self.danger), "profile": self.danger.profile.tolist()}
         return {
             "length": self.length,

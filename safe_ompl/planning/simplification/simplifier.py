@@ -1,4 +1,4 @@
-"""The simplifier: paths of one robot in one scene become shorter and safer, and are proven at every step."""
+"""The danger-aware simplifier: it makes paths shorter and safer, and every intermediate path is proven."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Better = Callable[[FloatArray, float], None]
 _SPACING = 0.5  # [rad]
 # No path becomes longer than this many times the given path.
 _MOST_LENGTH_RATIO = 1.25
-# The last round is one that lowers the cost by less than this share.
+# The descent ends after a round that lowers the cost by less than this share.
 _CONVERGED = 0.06
 # Clearances that differ by less than this are equal.
 SAME_CLEARANCE = 1e-4  # [m]
@@ -37,38 +37,39 @@ _SHORTCUT_POINTS = 14
 _LEAST_SAVING = 0.08
 # A shortcut is proven only if an estimate says that it saves this share.
 _LEAST_ESTIMATED_SAVING = 0.04
-# A clearance below this many times that of the nearer end costs most.
+# A clearance below this many times the clearance of the nearer end has the steep cost of `ObstacleCost`.
 _ALLOWANCE = 1.3
 
 
 def timed(seconds: float, stop: Stop | None = None) -> Stop:
-    """Return a predicate that says stop after some seconds from now, or when `stop` does."""
+    """Return a predicate that is true after this many seconds from now, or if `stop` is true."""
     end = perf_counter() + seconds
     return lambda: perf_counter() >= end or (stop is not None and stop())
 
 
 class Simplifier:
-    """Lowers J = ∫ (1 + λ·CDF(q)²) ds of paths of one robot in one scene, and an obstacle cost with it.
+    """Lowers J = ∫ (1 + λ·CDF(q)²) ds and an obstacle cost of paths of one robot in one scene.
 
-    First shortcuts, which gain most for the least work: the cheapest chain of straight motions between the path's way
-    points. Then retreats: ends that are near obstacles are left by the steepest way, unless `clearance` is 0. Then
-    descent along the exact gradient of the cost, all way points between the retreats at once; after a few steps what
-    has become of the path must be cheaper and proven, and way points beside an edge that is not proven go back.
-    Shortcuts that then save much lead out of a poor minimum, to one more descent. It ends when a round of steps gains
-    little; that does not depend on the clock.
+    1. Shortcuts: the cheapest chain of straight motions between the path's way points. They gain most per query.
+    2. Retreats, unless `clearance` is 0: ends near obstacles are left along the steepest ascent of clearance.
+    3. Descent along the exact gradient of the cost, for all way points between the retreats at once. After a few steps
+       the path must be cheaper and proven; way points of an edge that is not proven go back.
+    4. Shortcuts again; if they save much, they lead out of a poor minimum, and one more descent follows.
 
-    Every path on the way is proven. Its J is not above that of the given path, its least clearance not below its own by
-    more than 0.1 mm, unless `clearance` is 0.
+    The simplification ends if a round of steps gains little, so its result does not depend on the speed of the machine.
+    Every intermediate path is proven. Its J is at most the J of the given path. Its least clearance is at most 0.1 mm
+    less than that of the given path, unless `clearance` is 0.
 
     Parameters
     ----------
     checker, field, motion : CollisionChecker, DangerField, MotionProver
-        Robot and scene, the danger, and what proves edges; by default a `MotionProver` with the checker.
+        Robot and scene, the danger field, and the prover of edges; by default a `MotionProver` with the checker.
     weight : float
-        λ·reference(CDF)², with the median danger over valid configurations as reference: where the danger is that,
-        a radian of path costs `weight` radians besides its own length.
+        λ·reference(CDF)². The reference is the median danger over valid configurations: at this danger a radian of path
+        costs `weight` radians in addition to its length.
     clearance : float
-        [m] Nearness to obstacles counts below this; 0: never, paths may come as near as they are proven free.
+        Distance to obstacles [m] below which the obstacle cost counts; 0: no obstacle cost, and paths may come as near
+        as they are proven free.
 
     Raises
     ------
@@ -106,7 +107,7 @@ class Simplifier:
         self._follow()
 
     def _follow(self) -> None:
-        """Measure what the danger is compared with in the scene as it is now, unless that is known."""
+        """Compute the reference danger again if the scene or the field has changed."""
         revisions = self.checker.revision, self._field.revision
         if revisions == self._revisions:
             return
@@ -117,26 +118,27 @@ class Simplifier:
 
     @property
     def danger(self) -> DangerDensity:
-        """The cost of danger of a radian of path."""
+        """The danger cost of a radian of path."""
         self._follow()
         return self._danger
 
     @property
     def cost(self) -> PathCost:
-        """J of paths."""
+        """The cost J of paths."""
         self._follow()
         return self._cost
 
     def proving_by(self, motion: MotionProver) -> Simplifier:
-        """Return the same simplifier whose edges another `MotionProver` proves."""
+        """Return a copy of the simplifier with another `MotionProver`."""
         other = copy(self)
         other.motion = motion
         return other
 
     def weighing(self, weight: float) -> Simplifier:
-        """Return a simplifier with another weight of danger, whose paths need not stay far from obstacles.
+        """Return a copy with another weight of danger, whose paths need not keep a large clearance.
 
-        It keeps no more of a given path's clearance than counts as near: from there all weights reach their minima.
+        Of a given path's clearance it keeps at most the distance below which the obstacle cost counts, so that paths
+        for all weights can reach their minima.
         """
         other = copy(self)
         other._weight, other._revisions = weight, None
@@ -144,14 +146,14 @@ class Simplifier:
         return other
 
     def refined(self, times: int) -> Simplifier:
-        """Return a simplifier that goes on where this one ends: so often half the spacing and a quarter of the gain."""
+        """Return a finer copy: `times` times half the spacing of way points and a quarter of the least gain."""
         finer = copy(self)
         finer.spacing = self.spacing / 2**times
         finer.precision = self.precision / 4**times
         return finer
 
     def coarse(self) -> Simplifier:
-        """Return a simplifier that ends sooner, to compare paths: it keeps their clearance, but does not add to it."""
+        """Return a coarser, faster copy to compare paths; it keeps their clearance, but does not increase it."""
         other = self.refined(-1)
         other.gains_clearance = False
         return other
@@ -159,10 +161,10 @@ class Simplifier:
     def begin(
         self, path: ArrayLike, stop: Stop, on_better: Better | None = None, *, proven: bool = False
     ) -> SimplificationRun:
-        """Return what makes a path better; arguments and errors as `simplify`.
+        """Return a run that simplifies a path step by step; arguments and errors as `simplify`.
 
-        `on_better` is told every better path (N', n) as soon as it is proven, and its J for the danger points that
-        matter near it. When others turn out to matter, such a path may be taken back.
+        `on_better` is called with every better path (N', n) as soon as it is proven, and with its J, computed from the
+        danger points that matter near it. If other danger points matter after all, such a path may be dropped later.
         """
         checked = self.robot.way_points(path)
         if len(checked) < 2:
@@ -170,22 +172,23 @@ class Simplifier:
         return SimplificationRun(self, checked.copy(), stop, on_better, proven)
 
     def simplify(self, path: ArrayLike, stop: Stop | float, *, proven: bool = False) -> FloatArray:
-        """Return a path that is proven as the given one is, and cheaper: shorter, safer, farther from obstacles.
+        """Return a proven path that costs less than the given one: shorter, safer, farther from obstacles.
 
         Parameters
         ----------
         path : array_like, shape (N, n)
             Way points from start to goal [rad or m]; every edge must be proven free.
         stop : callable or float
-            Asked between steps: when it returns True, that is the end. Or a time limit [s]. Whatever ends it, Ctrl-C
-            too, the best proven path so far is returned; only the proof of the given path comes first.
+            A predicate that is called between steps and ends the simplification when it is true, or a time limit [s].
+            The best proven path so far is then returned, also on Ctrl-C. The proof of the given path is always
+            completed first.
         proven : bool
-            Whether the path is known to be proven, which saves its proof.
+            Whether the path is already proven; its proof is then skipped.
 
         Returns
         -------
         ndarray, shape (N', n)
-            The ends are those of the given path, but for full turns of continuous joints.
+            The ends are those of the given path, except for full turns of continuous joints.
 
         Raises
         ------
@@ -201,15 +204,15 @@ class Simplifier:
 
 
 class SimplificationRun:
-    """A run that lowers the cost of one unrolled path, step by proven step, the cheapest gains first.
+    """One run of a simplifier on one path, without jumps of continuous joints; all intermediate paths are proven.
 
-    An InputError if the path is neither `proven` already nor proven free.
+    Raises InputError if the path is not `proven` and cannot be proven free.
     """
 
     def __init__(
         self, simplifier: Simplifier, path: FloatArray, stop: Stop, on_better: Better | None, proven: bool
     ) -> None:
-        # A copy keeps the present settings.
+        # The copy is not affected by later changes of the simplifier's settings.
         self._simplifier = copy(simplifier)
         self._danger = simplifier.danger
         self._robot = simplifier.robot
@@ -226,11 +229,11 @@ class SimplificationRun:
 
     @property
     def best(self) -> FloatArray:
-        """The best path (N', n) so far: always proven, and not above the given path's J as far as is known."""
+        """The best path (N', n) so far. It is proven, and its J, for the danger points checked, has not risen."""
         return self._best.path
 
     def improve(self) -> None:
-        """Make the path cheaper until the cost falls no more."""
+        """Simplify the path until the cost no longer falls."""
         if self._stop():
             return
         self._look_around()
@@ -241,7 +244,7 @@ class SimplificationRun:
             self._descend()
 
     def _descend(self) -> None:
-        """Leave ends that need it, and descend."""
+        """Descend between retreats from ends near obstacles, and without retreats unless that gave the best path."""
         if self._stop() or not path_length(self.best):
             # If the start is the goal, there is nothing to shorten.
             return
@@ -253,7 +256,7 @@ class SimplificationRun:
         descent.run()
 
     def _look_around(self) -> None:
-        """Find out what the given path keeps from obstacles, and what it costs."""
+        """Compute the clearance of the given path, which later paths must keep, and its cost."""
         self._obstacles = self._simplifier.obstacle_cost
         if self._obstacles is not None:
             ends, least = self._obstacles.clearances(self.best)
@@ -266,12 +269,12 @@ class SimplificationRun:
         self._best.ceiling = self._cost.ceiling
 
     def _shorten(self, most: int = MOST, worth: float = np.inf) -> bool:
-        """Take shortcuts between up to `most` way points, if the path then costs no more; return whether."""
+        """Take shortcuts between up to `most` way points if the path costs at most `worth`; return whether they are."""
         estimate = 1.0 if worth == np.inf else 1.0 - _LEAST_ESTIMATED_SAVING
         shorter = self._shortcut(partial(shortcut, most=most, worth=estimate), self.best)
         if shorter is None or path_length(shorter) > self._terms.longest:
             return False
-        # The new path passes other places, where other danger points may matter.
+        # The new path passes through other configurations, where other danger points may matter.
         self._cost.look_at(shorter)
         cost = self._cost.of(shorter)
         if cost > worth or not self._best.take(shorter, cost):
@@ -280,7 +283,7 @@ class SimplificationRun:
         return True
 
     def _descend_between_retreats(self, path: FloatArray) -> bool:
-        """Leave ends that are near obstacles by retreats, and descend between; return whether that is the best."""
+        """Leave ends near obstacles by retreats, and descend between them; return whether this gave the best path."""
         start = self._retreat(path[0])
         goal = self._retreat(path[-1])
         apart = np.linalg.norm(self._robot.difference(start[0], goal[0]))
@@ -296,7 +299,7 @@ class SimplificationRun:
         # Continuous joints may have been unwound.
         goal = plain(goal[::-1] + (between[-1] - goal[-1]))
         descent = self._descent(self._divided(between), (start, goal))
-        # Ends that are left well may cost more than shortcuts, though not more than the given path.
+        # A path with retreats may cost more than the shortcuts, but not more than the given path.
         whole = np.concatenate([start[:-1], between, goal[1:]])
         descent.leads = self._best.take(whole, descent.here.cost)
         descent.run()
@@ -312,7 +315,7 @@ class SimplificationRun:
         return None if found is None else self._robot.unrolled(found)
 
     def _divided(self, path: FloatArray) -> FloatArray:
-        """Return the same path with way points where the descent needs them."""
+        """Return the same path with the way points that the descent needs."""
         path = divided(path, self._simplifier.spacing)
         obstacles = self._obstacles
         if obstacles is not None:
@@ -321,7 +324,7 @@ class SimplificationRun:
         return path
 
     def _descent(self, path: FloatArray, retreats: tuple[FloatArray, FloatArray]) -> ProvenDescent:
-        """Return the descent of a path (N, n) between two that stay."""
+        """Return the descent of a path (N, n) between two retreats, which stay fixed."""
         start, goal = retreats
         self._cost.look_at(np.concatenate([start[:-1], path, goal[1:]]))
         return ProvenDescent(path, retreats, self._cost, self._terms, self._best, self._stop)
