@@ -13,7 +13,7 @@ from libc.stdlib cimport free, malloc
 from libc.string cimport memset
 from cpython.pycapsule cimport PyCapsule_New
 
-from safe_ompl.danger.skeleton cimport ROUNDING, SERIES, ZERO, LaneFunctions, Points, Skeleton, half_gap
+from safe_ompl.danger.skeleton cimport ROUNDING, SERIES, ZERO, HighLevels, LaneFunctions, PointRange, Points, Skeleton, half_gap
 from safe_ompl.robot.kinematics cimport Joint
 
 
@@ -453,12 +453,12 @@ cdef Py_ssize_t _block_size(Py_ssize_t K) noexcept nogil:
 
 
 cdef void _potentials(
-    const double *places, const Skeleton *s, const double *columns, Py_ssize_t stride, Py_ssize_t begin,
-    Py_ssize_t end, double *levels, Py_ssize_t room, bint summed, void *memory,
+    const double *places, const Skeleton *s, const PointRange *points, double *levels, Py_ssize_t room, bint summed,
+    void *memory,
 ) noexcept nogil:
     """See `LaneFunctions.potentials`; of each link eq. (7), or their sum, eq. (5)."""
     cdef Block block = _block(memory)
-    cdef Py_ssize_t first, number, lanes, link, a, b, j
+    cdef Py_ssize_t begin = points.begin, end = points.end, first, number, lanes, link, a, b, j
     cdef double length, scale
     cdef double *row
     for link in range(1 if summed else s.L):
@@ -466,7 +466,7 @@ cdef void _potentials(
             levels[room * link + j] = 0.0
     for first in range(begin, end, 128):
         number = min(<Py_ssize_t> BLOCK, end - first)
-        lanes = _take_points(places, s.K, columns, stride, first, number, block)
+        lanes = _take_points(places, s.K, points.columns, points.stride, first, number, block)
         for link in range(s.L):
             a, b = s.links[2 * link], s.links[2 * link + 1]
             length = _length(places + 3 * a, places + 3 * b)
@@ -703,8 +703,8 @@ cdef Py_ssize_t _candidates(
 
 
 cdef int _highest(
-    const Skeleton *s, const double *values, Py_ssize_t B, const Points *points, double *gradients, double share,
-    double least, double *high, double *out,
+    const Skeleton *s, const double *values, Py_ssize_t B, const Points *points, double *gradients,
+    const HighLevels *others, double *out,
 ) noexcept nogil:
     """See `LaneFunctions.highest`.
 
@@ -722,8 +722,10 @@ cdef int _highest(
     cdef Forces forces
     cdef Peaks peaks
     cdef Cursor at
+    cdef PointRange alone
     cdef double *charges
     cdef double *places
+    cdef double *high = NULL if others == NULL else others.levels
     cdef double level, peak
     cdef bint counting
     if memory == NULL:
@@ -744,7 +746,8 @@ cdef int _highest(
                     for k in range(3 * K):
                         places[k] = rays.places[W * k + b]
                     point = rays.which[b]
-                    _potentials(places, s, points.columns, M, point, point + 1, &rays.field[b], 1, True, rest)
+                    alone = PointRange(points.columns, M, point, point + 1)
+                    _potentials(places, s, &alone, &rays.field[b], 1, True, rest)
             for b in range(number):
                 lane, point = rays.skeleton[b], rays.which[b]
                 level, peak = rays.field[b] * points.charges[point], peaks.peak[lane]
@@ -757,7 +760,9 @@ cdef int _highest(
                 counting, at = True, Cursor(0, 0)
                 for lane in range(count):
                     # A share of zero of an infinite level, as on a link, would be no number.
-                    peaks.least[lane] = max(share * peaks.peak[lane], least) if share > 0.0 else least
+                    peaks.least[lane] = others.least
+                    if others.share > 0.0:
+                        peaks.least[lane] = max(others.share * peaks.peak[lane], others.least)
                     if peaks.peak[lane] >= peaks.least[lane]:
                         high[peaks.best[lane]] = max(high[peaks.best[lane]], peaks.peak[lane])
                 number = _candidates(M, count, &at, high, &peaks, rays)

@@ -31,7 +31,7 @@ d_a and d_b the distances from the link's ends. A point is a ball of radius 0: w
 from libc.math cimport INFINITY, atan2, copysign, fabs, hypot, log, log1p, sqrt
 from libc.stdlib cimport free, malloc
 
-from safe_ompl.danger.skeleton cimport SERIES, ZERO, Skeleton, half_gap
+from safe_ompl.danger.skeleton cimport SERIES, ZERO, PointRange, Skeleton, half_gap
 from safe_ompl.danger.static cimport SkeletonTable, lanes, skeleton_of
 from safe_ompl.robot.kinematics cimport key_point_velocities, move_joints, place_joints, place_key_points
 
@@ -633,12 +633,11 @@ cdef void _bound(
     cdef double *lead
     cdef const double *fields
     cdef Py_ssize_t first_column = balls.offset + begin, count = end - begin, k, g, c, i, j, x
+    cdef PointRange centres = PointRange(columns, balls.stride, first_column, balls.offset + end)
     cdef double px, py, pz, vx, vy, vz, ux, uy, uz, distance, squared, growth, first, last, w, length, swift, per_square
     cdef double scale, faster, d1, d2, phi, S, half, level, along, q, t, near, far
     cdef bint stretches
-    lanes.potentials(
-        places, s, columns, balls.stride, first_column, balls.offset + end, rows, width, False, memory.of_lanes
-    )
+    lanes.potentials(places, s, &centres, rows, width, False, memory.of_lanes)
     for k in range(s.K):
         px, py, pz = places[3 * k], places[3 * k + 1], places[3 * k + 2]
         vx, vy, vz = velocities[3 * k], velocities[3 * k + 1], velocities[3 * k + 2]

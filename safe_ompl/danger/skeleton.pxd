@@ -58,20 +58,36 @@ cdef struct Points:
     Py_ssize_t M
 
 
+# Points begin, …, end − 1 of columns (3, stride) [m].
+cdef struct PointRange:
+    const double *columns
+    Py_ssize_t stride
+    Py_ssize_t begin
+    Py_ssize_t end
+
+
+# Which levels of danger are wanted beside the highest one, and where they are written.
+cdef struct HighLevels:
+    # Only levels of at least this share of the highest one at a configuration, and of at least `least`, count.
+    double share
+    double least
+    # The highest level that counts of each point, (M,); 0 where there is none.
+    double *levels
+
+
 cdef struct LaneFunctions:
     # Bytes of working memory of `potentials`, for so many key points.
     Py_ssize_t (*block_size)(Py_ssize_t) noexcept nogil
-    # Write the field at `columns[:, begin:end]` of columns (3, `stride`): of each link into levels (L, `room`), or
-    # their sum into one row.
+    # Write the field at points: of each link into levels (L, `room`), or their sum into one row.
     void (*potentials)(
-        const double *places, const Skeleton *skeleton, const double *columns, Py_ssize_t stride, Py_ssize_t begin,
-        Py_ssize_t end, double *levels, Py_ssize_t room, bint summed, void *memory,
+        const double *places, const Skeleton *skeleton, const PointRange *points, double *levels, Py_ssize_t room,
+        bint summed, void *memory,
     ) noexcept nogil
-    # Write the highest level (B,) at `values: (B, m)`, its gradients (B, m) unless NULL, and, unless `high` is NULL,
-    # the levels (M,) of points that are a share of the highest one at some configuration, and `least`. −1: no memory.
+    # Write the highest level (B,) at `values: (B, m)`, its gradients (B, m) unless NULL, and other high levels unless
+    # NULL. −1: no memory.
     int (*highest)(
         const Skeleton *skeleton, const double *values, Py_ssize_t B, const Points *points, double *gradients,
-        double share, double least, double *high, double *out,
+        const HighLevels *others, double *out,
     ) noexcept nogil
     # Write the gradients (B, m) of weighted sums of the fields at chosen points (B, J). −1: no memory.
     int (*gradients)(

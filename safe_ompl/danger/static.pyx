@@ -10,7 +10,7 @@ from libc.math cimport INFINITY, exp, fabs, log, sqrt
 from libc.stdlib cimport free, malloc
 from libc.string cimport memset
 
-from safe_ompl.danger.skeleton cimport ZERO, LaneFunctions, Points, half_gap
+from safe_ompl.danger.skeleton cimport ZERO, HighLevels, LaneFunctions, PointRange, Points, half_gap
 from safe_ompl.robot.kinematics cimport KeyPointTable
 
 from importlib import import_module
@@ -153,7 +153,7 @@ cdef class PointDanger:
             if gradients != NULL:
                 memset(gradients, 0, B * m * sizeof(double))
         elif self.kind == _MAXIMUM:
-            if lanes.highest(&self.skeleton.data, values, B, &self.points.data, gradients, 0.0, 0.0, NULL, out):
+            if lanes.highest(&self.skeleton.data, values, B, &self.points.data, gradients, NULL, out):
                 with gil:
                     raise MemoryError
         elif B:
@@ -197,12 +197,14 @@ cdef class PointDanger:
         found, highest = np.zeros(M), np.empty(B)
         cdef double[::1] high = found
         cdef double[::1] out = highest
+        cdef HighLevels others
         if values.shape[1] != self.skeleton.data.m:
             raise InputError(f"values must have {self.skeleton.data.m} columns, got {values.shape[1]}")
         if B and M:
+            others = HighLevels(share, least, &high[0])
             with nogil:
                 failed = lanes.highest(
-                    &self.skeleton.data, &values[0, 0], B, &self.points.data, NULL, share, least, &high[0], &out[0]
+                    &self.skeleton.data, &values[0, 0], B, &self.points.data, NULL, &others, &out[0]
                 )
             if failed:
                 raise MemoryError
@@ -282,15 +284,15 @@ def link_fields(
     _check_columns(columns)
     found = np.zeros((B, rows, M))
     cdef double[:, :, ::1] out = found
+    cdef PointRange points
     cdef void *memory = malloc(lanes.block_size(skeleton.K))
     if not memory:
         raise MemoryError
     if M and skeleton.L:
+        points = PointRange(&columns[0, 0], M, 0, M)
         with nogil:
             for b in range(B):
-                lanes.potentials(
-                    &places[b, 0, 0], &skeleton, &columns[0, 0], M, 0, M, &out[b, 0, 0], M, summed, memory
-                )
+                lanes.potentials(&places[b, 0, 0], &skeleton, &points, &out[b, 0, 0], M, summed, memory)
     free(memory)
     return found
 
