@@ -23,6 +23,7 @@ from safe_ompl.danger.link_field import Groups
 from safe_ompl.drawing.light import Light
 from safe_ompl.drawing.rendering import Painted, View
 from safe_ompl.geometry.convex import ShapeTable
+from safe_ompl.live.replanning.hull_gaps import MarginQuery
 from safe_ompl.planning.simplification import costs, descent, edges
 from safe_ompl.planning.simplification.cost import DangerDensity, ObstacleCost
 
@@ -239,10 +240,7 @@ CALLS = {
         (numbers(2), numbers(4, 2, 2)),
         t.cells,
         t.sets,
-        0.1,
-        1.0,
-        0.0,
-        False,
+        MarginQuery(0.1, 1.0, 0.0, False),
     ],
     "hull_gaps.BodyHulls.cell_gaps": lambda t: [
         indices(0, 3),

@@ -7,7 +7,7 @@ import pytest
 from safe_ompl import InputError, RateLimits, time_path
 from safe_ompl.live import ReachSets
 from safe_ompl.live.replanning.bounded_path import Around, BoundedPath, RobotBodies, SpeedLimits, StopLaw
-from safe_ompl.live.replanning.hull_gaps import BodyHulls
+from safe_ompl.live.replanning.hull_gaps import BodyHulls, MarginQuery
 
 
 def hull_gap(first, second, left, close):
@@ -16,9 +16,8 @@ def hull_gap(first, second, left, close):
     body = BodyHulls(np.array([0]), first, *one)
     moving = second, np.array([0, len(second)]), np.zeros(1), np.zeros((1, 2))
     frames = np.eye(3)[None, None], np.zeros((1, 1, 3)), np.zeros((1, 1))
-    found, *where = body.gaps(
-        np.array([0]), np.zeros(1), (np.zeros(1), np.zeros((0, 0, 0))), frames, moving, left, np.inf, close, False
-    )
+    query = MarginQuery(left, np.inf, close, False)
+    found, *where = body.gaps(np.array([0]), np.zeros(1), (np.zeros(1), np.zeros((0, 0, 0))), frames, moving, query)
     assert where == [0, 0, 0]
     return found
 
@@ -163,5 +162,10 @@ def test_tables_that_do_not_fit_together_are_refused(change, message):
     moving = np.ones((1, 3)), given["first_point"], np.zeros(1), given["growth"]
     with pytest.raises(InputError, match=message):
         BodyHulls(*of_bodies).gaps(
-            given["at"], given["until"], (given["squares"], given["most"]), frames, moving, 0.0, np.inf, 0.0, False
+            given["at"],
+            given["until"],
+            (given["squares"], given["most"]),
+            frames,
+            moving,
+            MarginQuery(0.0, np.inf, 0.0, False),
         )

@@ -21,7 +21,7 @@ import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
 from safe_ompl.live import ReachSets
-from safe_ompl.live.replanning.hull_gaps import BodyHulls
+from safe_ompl.live.replanning.hull_gaps import BodyHulls, MarginQuery
 from safe_ompl.motions import (
     BRAKING,
     CLAMPING,
@@ -483,8 +483,8 @@ class BoundedPath:
             if len(known):
                 bears = known.shape[2]
                 most[rows, :, :bears] = np.maximum(known[rows], most[rows, :, :bears])
-        until, limits = since + times, (clearance, enough, close, not exact)
-        found = self.bodies.hulls.gaps(cells, until, (fastest, most), self.frames, sets.arrays, *limits)
+        query = MarginQuery(clearance, enough, close, not exact)
+        found = self.bodies.hulls.gaps(cells, since + times, (fastest, most), self.frames, sets.arrays, query)
         margin, window, body, who = found
         if body < 0:
             return MotionMargin(np.inf)

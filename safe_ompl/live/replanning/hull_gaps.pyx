@@ -9,6 +9,8 @@ so that most questions whether a distance is larger than some length end after o
 from libc.math cimport INFINITY, sqrt
 from libc.stdlib cimport free, malloc
 
+from typing import NamedTuple
+
 import numpy as np
 
 from safe_ompl.common import InputError
@@ -46,6 +48,21 @@ cdef struct Borne:
     const double *squares
     const double *most
     Py_ssize_t bearing
+
+
+# The W windows of a motion: the cells in which the robot is, (W,), and until when it is there at the latest, (W,) [s].
+cdef struct Windows:
+    const Py_ssize_t *at
+    const double *until
+    Py_ssize_t count
+
+
+# `MarginQuery` for compiled code.
+cdef struct MarginLimits:
+    double left
+    double enough
+    double close
+    bint stop_at_first
 
 
 # Where the least margin of a motion is, and how large it is [m].
@@ -110,6 +127,27 @@ cdef void ball_about(const double *points, Py_ssize_t count, double *ball) noexc
         x, y, z = points[3 * k] - m0, points[3 * k + 1] - m1, points[3 * k + 2] - m2
         far = max(far, x * x + y * y + z * z)
     ball[0], ball[1], ball[2], ball[3] = m0, m1, m2, sqrt(far)
+
+
+class MarginQuery(NamedTuple):
+    """How well the least margin of a motion must be known.
+
+    Parameters
+    ----------
+    left : float
+        The distance that must be left [m].
+    enough : float
+        Margins above this need not be known [m].
+    close : float
+        The least margin is found within this [m]. 0: only whether the margin is negative.
+    stop_at_first : bool
+        Whether the search ends at the first negative margin.
+    """
+
+    left: float
+    enough: float
+    close: float
+    stop_at_first: bool
 
 
 cdef class BodyHulls:
@@ -195,17 +233,12 @@ cdef class BodyHulls:
         found.travel = &travel[0, 0] if moving and N and self.count else NULL
         return found
 
-    def gaps(
-        self, const Py_ssize_t[::1] at, const double[::1] until, borne, cells, sets, double left, double enough,
-        double close, bint stop_at_first
-    ):
+    def gaps(self, const Py_ssize_t[::1] at, const double[::1] until, borne, cells, sets, query):
         """Return the least that is left between a robot and what moves, over the windows of a motion, and where.
 
         The margin min (distance − growth − travel − left) [m] is a lower bound, negative where nothing is proven; then
         come the window, the body of the robot and the set, −1 if there is nothing. The robot is in the cells `at: (W,)`
-        of a path no longer than `until: (W,)` [s]. The distance `left` must be left [m], margins above `enough` [m]
-        need not be known. The least is found within `close` [m]; 0: only whether it is negative, and then perhaps to
-        `stop_at_first` such one.
+        of a path no longer than `until: (W,)` [s]. The `query` is a `MarginQuery`.
 
         `cells` are the frames of `CellFrames`, `sets` the arrays of `ReachSets`. `borne` has ṡ² of the windows (W,) at
         most, and the largest ṡ² (N, G, M) of cell, body and set at which contact is borne; two bodies that may touch at
@@ -215,16 +248,18 @@ cdef class BodyHulls:
         cdef Frames frames = self._frames(cells, _past_last(at), True)
         cdef Sets moving = _sets(sets)
         cdef Borne contact = self._borne(borne, at.shape[0], frames.N)
+        cdef Windows windows = Windows(NULL, NULL, at.shape[0])
+        cdef MarginLimits limits
         cdef Worst found
         cdef double *memory
+        limits.left, limits.enough, limits.close, limits.stop_at_first = query
         if until.shape[0] != at.shape[0]:
             raise InputError("until must have one time for each window")
         memory = _work(&moving)
         with nogil:
-            found = self._least(
-                at.shape[0], &at[0] if at.shape[0] else NULL, &until[0] if at.shape[0] else NULL, &contact, &frames,
-                &moving, memory, left, enough, close, stop_at_first
-            )
+            if windows.count:
+                windows.at, windows.until = &at[0], &until[0]
+            found = self._least(&windows, &contact, &frames, &moving, memory, &limits)
             free(memory)
         return found.margin, found.window, found.body, found.who
 
@@ -239,6 +274,8 @@ cdef class BodyHulls:
         cdef Sets moving = _sets(sets)
         cdef Borne contact = self._borne(borne, at.shape[0], frames.N)
         cdef Py_ssize_t W = at.shape[0], w
+        cdef MarginLimits limits = MarginLimits(left + far, 0.0, close, False)
+        cdef Windows window
         cdef double now = 0.0
         cdef double *memory
         margins = np.empty(W)
@@ -246,12 +283,8 @@ cdef class BodyHulls:
         memory = _work(&moving)
         with nogil:
             for w in range(W):
-                found[w] = min(
-                    self._least(
-                        1, &at[w], &now, &contact, &frames, &moving, memory, left + far, 0.0, close, False
-                    ).margin,
-                    0.0,
-                ) + far
+                window = Windows(&at[w], &now, 1)
+                found[w] = min(self._least(&window, &contact, &frames, &moving, memory, &limits).margin, 0.0) + far
                 contact.squares += 1
             free(memory)
         return margins
@@ -272,8 +305,8 @@ cdef class BodyHulls:
         return found
 
     cdef Worst _least(
-        self, Py_ssize_t W, const Py_ssize_t *at, const double *until, const Borne *borne, const Frames *frames,
-        const Sets *sets, double *memory, double left, double enough, double close, bint stop_at_first
+        self, const Windows *windows, const Borne *borne, const Frames *frames, const Sets *sets, double *memory,
+        const MarginLimits *limits
     ) noexcept nogil:
         """Return what `gaps` does."""
         cdef Worst worst = Worst(INFINITY, -1, -1, -1)
@@ -287,13 +320,14 @@ cdef class BodyHulls:
         cdef const double *ball
         cdef double delta[3]
         cdef double c0, c1, c2, v0, v1, v2, need, far, apart, wanted, gap
+        cdef double enough = limits.enough, close = limits.close
         cdef bint decide = close == 0.0
         for s in range(S):
             ball_about(sets.points + 3 * sets.first[s], sets.first[s + 1] - sets.first[s], balls + 4 * s)
-        for w in range(W):
-            k = at[w]
+        for w in range(windows.count):
+            k = windows.at[w]
             for s in range(S):
-                grown[s] = sets.radii[s] + sets.growth[2 * s] + until[w] * sets.growth[2 * s + 1]
+                grown[s] = sets.radii[s] + sets.growth[2 * s] + windows.until[w] * sets.growth[2 * s + 1]
             for g in range(G):
                 R = frames.rotations + 9 * (k * frames.m + self._carriers[g])
                 o = frames.origins + 3 * (k * frames.m + self._carriers[g])
@@ -305,7 +339,7 @@ cdef class BodyHulls:
                     if s < borne.bearing and borne.squares[w] <= borne.most[(k * G + g) * borne.bearing + s]:
                         continue
                     ball = balls + 4 * s
-                    need = grown[s] + frames.travel[k * G + g] + left + self._pads[g]
+                    need = grown[s] + frames.travel[k * G + g] + limits.left + self._pads[g]
                     v0, v1, v2 = c0 - ball[0], c1 - ball[1], c2 - ball[2]
                     far = sqrt(v0 * v0 + v1 * v1 + v2 * v2)
                     apart = far - ball[3] - self._extents[g] - need
@@ -329,7 +363,7 @@ cdef class BodyHulls:
                         apart = max(apart, gap - need)
                     if apart < worst.margin:
                         worst = Worst(apart, w, g, s)
-                        if stop_at_first and worst.margin < 0.0:
+                        if limits.stop_at_first and worst.margin < 0.0:
                             return worst
         return worst
 
