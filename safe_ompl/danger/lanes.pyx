@@ -13,7 +13,9 @@ from libc.stdlib cimport free, malloc
 from libc.string cimport memset
 from cpython.pycapsule cimport PyCapsule_New
 
-from safe_ompl.danger.skeleton cimport ROUNDING, SERIES, ZERO, HighLevels, LaneFunctions, PointRange, Points, Skeleton, half_gap
+from safe_ompl.danger.skeleton cimport (
+    ROUNDING, SERIES, ZERO, HighLevels, LaneFunctions, PointRange, Points, Skeleton, half_gap
+)
 from safe_ompl.robot.kinematics cimport Joint
 
 
