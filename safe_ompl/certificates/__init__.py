@@ -1,4 +1,4 @@
-"""Certificates of paths: what they claim, how they are issued, and how independent code verifies them."""
+"""Certificates of paths and motions: their claims, how they are issued, and how independent code verifies them."""
 
 import lazy_loader
 

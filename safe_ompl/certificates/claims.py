@@ -1,7 +1,7 @@
-"""What a certificate claims: each claim is an object that is read strictly, proven, and put into words.
+"""Claims of a certificate: each claim is an object that is read strictly, proven, and described by a sentence.
 
-The verifier proves these objects and prints their sentences. Nothing that it says comes from the file itself, so that
-nothing can be said that was not proven. A number in a sentence is never rounded to the stronger side.
+The verifier proves these objects and prints their sentences. The sentences contain no text of the file, so the verifier
+cannot print a statement that was not proven. Numbers in sentences are never rounded to the stronger side.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from safe_ompl.io import RobotDocument, SceneDocument, schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-# Vectors that say a direction are no shorter and no longer than this.
+# Range of the length of direction vectors.
 _LEAST_DIRECTION, _MOST_DIRECTION = 0.1, 10.0
 _UNBOUNDED = 1e300  # [m]
 _MOST_POWERS = 16  # of a polynomial
@@ -40,7 +40,7 @@ _DIGITS = 6
 
 @contextmanager
 def malformed_refused() -> Iterator[None]:
-    """Turn whatever else a malformed certificate brings about into CertificateError."""
+    """Turn every other error of a malformed certificate into CertificateError."""
     try:
         yield
     except files.MALFORMED as error:
@@ -50,18 +50,18 @@ def malformed_refused() -> Iterator[None]:
 
 
 def exact(value: float) -> str:
-    """Return a number as it is."""
+    """Return a number as text without rounding."""
     short = f"{value:g}"
     return short if float(short) == value else repr(float(value))
 
 
 def at_most(value: float) -> str:
-    """Return a number in few digits, and none that is smaller."""
+    """Return a number as text in few digits, rounded up."""
     return _rounded(value, ROUND_CEILING)
 
 
 def at_least(value: float) -> str:
-    """Return a number in few digits, and none that is larger."""
+    """Return a number as text in few digits, rounded down."""
     return _rounded(value, ROUND_FLOOR)
 
 
@@ -72,13 +72,13 @@ def _rounded(value: float, way: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimedClearance(Section):
-    """The links keep a distance [m] from obstacles."""
+    """Claim that links keep a distance [m] from obstacles."""
 
     distance: float = key(document.number, at_least=0.0)
     obstacles: tuple[str, ...] = key(document.each, read=document.line, least="obstacle")
 
     def of(self, obstacle: str) -> float:
-        """Return what links keep from an obstacle [m]."""
+        """Return the distance that links keep from an obstacle [m]."""
         return self.distance if obstacle in self.obstacles else 0.0
 
     @property
@@ -88,13 +88,13 @@ class ClaimedClearance(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimedObstacles(Section):
-    """The same holds while obstacles move no faster than their speeds [m/s], for a time [s]."""
+    """Claim that the other claims hold for a time [s] while obstacles move no faster than their speeds [m/s]."""
 
     speeds: Mapping[str, float] = key(document.by_name, read=document.number, at_least=0.0, least="obstacle")
     time: float = key(document.number, at_least=0.0)
 
     def of(self, obstacle: str) -> float:
-        """Return how far an obstacle may come [m]."""
+        """Return the largest distance that an obstacle may move [m]."""
         return self.speeds.get(obstacle, 0.0) * self.time
 
     @property
@@ -112,7 +112,7 @@ def _direction(key: str, value: Any) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimedOrientation(Section):
-    """An axis of the tip stays within an angle [rad] of a direction in the world."""
+    """Claim that an axis of the tip stays within an angle [rad] of a direction in the world."""
 
     axis: FloatArray = key(_direction)
     direction: FloatArray = key(_direction)
@@ -126,7 +126,7 @@ class ClaimedOrientation(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimedTool(Section):
-    """Limits of the tool: an orientation, bounds of the tip's position [m] by axis, or both."""
+    """Claim of limits of the tool: an orientation, bounds of the tip's position [m] by axis, or both."""
 
     orientation: ClaimedOrientation | None = key(document.section, default=None, kind=ClaimedOrientation)
     position: Mapping[str, tuple[float, ...]] | None = key(
@@ -153,7 +153,7 @@ def _bounds(axis: str, low: float, high: float) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimedDanger(Section):
-    """The danger of a path has a bound: of which kind it is, and how far the danger points are apart [m]."""
+    """Claim of a bound of the danger of a path, with the kind of danger and the spacing of danger points [m]."""
 
     bound: float = key(document.number, at_least=0.0)
     spacing: float = key(document.number, above=0.0)
@@ -174,7 +174,7 @@ class ClaimedDanger(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimedMovingDanger(ClaimedDanger):
-    """The danger of a motion in time has a bound."""
+    """Claim of a bound of the danger of a timed motion."""
 
     k2: float = key(document.number, at_least=0.0)
     gamma: float = key(document.number, at_least=0.0)
@@ -189,7 +189,7 @@ class ClaimedMovingDanger(ClaimedDanger):
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimedStops(Section):
-    """At whatever instant a person begins to run, the robot stands before they are nearer than the clearance [m]."""
+    """Claim that the robot always stops before people who begin to move come nearer than the clearance [m]."""
 
     who: tuple[str, ...] = key(document.each, read=document.line, least="obstacle")
     speed: float = key(document.number, at_least=0.0)
@@ -199,14 +199,14 @@ class ClaimedStops(Section):
     brakes: FloatArray = key(document.array)
 
     def check_for(self, scene: Scene) -> None:
-        """Raise InputError unless the scene has the people, and they have the limbs."""
+        """Raise InputError unless the scene has the people, and the people have the limbs."""
         with document.within("stops"):
             _check_known("who", "obstacle", self.who, scene.names)
             parts = [part[len(name) + 1 :] for name in self.who for part, _, _ in scene[name].geometries()]
             _check_known("speeds", "limb", self.speeds, filter(None, parts))
 
     def speed_of(self, limb: str) -> float:
-        """Return how fast a limb may move [m/s]."""
+        """Return the largest speed of a limb [m/s]."""
         return self.speeds.get(limb, self.speed)
 
     @property
@@ -241,9 +241,9 @@ def _rates(claim: Any) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimedMotion(Section):
-    """Polynomials one after another, q = Σ_k c_k u^k with u from 0 to 1 on each, and what may lie about them.
+    """Consecutive polynomials q = Σ_k c_k u^k with u from 0 to 1, and the deviations from them.
 
-    `times` are seconds of a motion in time, and else the parameter of a path.
+    `times` are seconds of a timed motion, or the parameter of a path. `slack` and `rounding` bound the deviations.
     """
 
     times: FloatArray = key(document.array)
@@ -257,11 +257,11 @@ class ClaimedMotion(Section):
 
     @property
     def rated(self) -> bool:
-        """Whether its velocities are known at every instant."""
+        """Whether the velocities are known at every instant."""
         return self.timed and self.slack is None
 
     def check_for(self, robot: Robot, scene: Scene) -> None:
-        """Raise InputError unless it is a motion of the robot, and its claims have a meaning for robot and scene."""
+        """Raise InputError unless the motion fits the robot, and its claims have a meaning for robot and scene."""
         count, n = len(self.coefficients), robot.n
         if len(self.times) != count + 1 or not (np.diff(self.times) > 0).all():
             raise InputError(f"must be {count + 1} numbers that increase", "times")
@@ -282,7 +282,7 @@ class ClaimedMotion(Section):
 
     @property
     def lasts(self) -> float | None:
-        """How long it takes [s]; None for a path."""
+        """Duration [s]; None for a path."""
         return float(self.times[-1] - self.times[0]) if self.timed else None
 
     @property
@@ -300,16 +300,16 @@ class ClaimedMotion(Section):
 
     @property
     def not_claimed(self) -> list[str]:
-        """What could be said of it, and is not."""
+        """Names of possible claims that are not made."""
         return [name for name in RATES if self.timed and getattr(self, name) is None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimedTrajectory(ClaimedMotion):
-    """A curve by its parameter s, and the time law by which it is driven.
+    """A curve over its parameter s, and its time law.
 
-    At the values `edges` of s, ṡ² is `squares`: of the law, or of the plan that is averaged over a `window` [s]. At the
-    `corners`, which are numbers of pieces that begin there, the robot stands.
+    At the values `edges` of s, ṡ² is `squares`: of the law, or of the plan that is averaged over a `window` [s]. At
+    `corners`, the indices of pieces that begin there, the robot stops.
     """
 
     corners: tuple[int, ...] = key(document.each, read=document.whole_number, at_least=0)
@@ -324,11 +324,11 @@ class ClaimedTrajectory(ClaimedMotion):
 
     @property
     def rated(self) -> bool:
-        """Whether its velocities are known at every instant: by the time law."""
+        """Whether the velocities are known at every instant, which is always true because of the time law."""
         return True
 
     def check_for(self, robot: Robot, scene: Scene) -> None:
-        """Raise InputError unless it is a motion of the robot, and its claims have a meaning for robot and scene."""
+        """Raise InputError unless the motion fits the robot, and its claims have a meaning for robot and scene."""
         super().check_for(robot, scene)
         if self.timed:
             raise InputError("must be false: times are those of the time law", "timed")
@@ -343,7 +343,7 @@ class ClaimedTrajectory(ClaimedMotion):
 
     @property
     def lasts(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return self.duration
 
     @property
@@ -358,7 +358,7 @@ class ClaimedTrajectory(ClaimedMotion):
 
     @property
     def not_claimed(self) -> list[str]:
-        """What could be said of it, and is not."""
+        """Names of possible claims that are not made."""
         names = {"stops": "stops", "jerk": "jerk", "tool_speed": "tool speed", "link_speed": "link speed"}
         names["danger"] = "danger in motion"
         return [said for name, said in names.items() if getattr(self, name) is None]
@@ -369,7 +369,7 @@ class ClaimedTrajectory(ClaimedMotion):
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimedContact(Section):
-    """Links, or objects that are held, may touch an obstacle, or an object that is held, to a depth [m]."""
+    """Claim that links, or held objects, may touch an obstacle or a held object to a depth [m]."""
 
     links: tuple[str, ...] = key(document.each, read=document.line, least="link")
     object: str = key(document.line)
@@ -378,14 +378,14 @@ class ClaimedContact(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimedStretch(Section):
-    """One motion with what is claimed of it, what changes hands before it, and what may touch on it."""
+    """One motion with its claims, the objects attached or detached before it, and the contacts allowed during it."""
 
     motion: ClaimedMotion = key(document.section, kind=ClaimedMotion)
-    # What the stretch is for, in words. The verifier neither reads nor prints it.
+    # Description of the stretch. The verifier neither reads nor prints it.
     step: str = key(document.line, default="")
-    # The objects that are put down before the stretch.
+    # Names of the objects that are detached before the stretch.
     detach: tuple[str, ...] = key(document.each, default=(), read=document.line)
-    # The objects that are taken before the stretch, with the tip that takes each.
+    # Objects that are attached before the stretch, with the tip that takes each.
     attach: Mapping[str, str] = key(document.by_name, factory=dict, read=document.line)
     contacts: tuple[ClaimedContact, ...] = key(document.each, default=(), read=document.section, kind=ClaimedContact)
     clearance: ClaimedClearance | None = key(document.section, default=None, kind=ClaimedClearance)
@@ -420,19 +420,19 @@ class ClaimedStretch(Section):
                 raise InputError("must not be in time where a trajectory is", "motion")
 
     def required(self, obstacle: str) -> float:
-        """Return what moving links must keep from where the scene has an obstacle [m]."""
+        """Return the distance that moving links must keep from the pose of an obstacle in the scene [m]."""
         clear = 0.0 if self.clearance is None else self.clearance.of(obstacle)
         moves = 0.0 if self.moving_obstacles is None else self.moving_obstacles.of(obstacle)
         return max(clear, self.margin or 0.0) + moves
 
     @property
     def lasts(self) -> float | None:
-        """How long it takes [s]; None for a path."""
+        """Duration [s]; None for a path."""
         return (self.trajectory or self.motion).lasts
 
     @property
     def sentences(self) -> list[str]:
-        """What is claimed besides that it is free, in words, of which each is complete in itself."""
+        """Sentences of the claims besides that the motion is free. Each sentence is complete in itself."""
         moving = self.moving_obstacles
         said = [] if self.danger is None else [self.danger.sentence(moving=moving is not None)]
         said += [] if self.clearance is None else [self.clearance.sentence]
@@ -446,7 +446,7 @@ class ClaimedStretch(Section):
 
     @property
     def not_claimed(self) -> list[str]:
-        """What could be claimed, but is not; of time only where the path is timed."""
+        """Names of possible claims that are not made. Those about time are included only for timed motions."""
         names = ("clearance", "danger", "moving_obstacles", "tool", "tube")
         missing = [name.replace("_", " ") for name in names if getattr(self, name) is None]
         return [*missing, *self.motion.not_claimed, *([] if self.trajectory is None else self.trajectory.not_claimed)]
@@ -454,11 +454,11 @@ class ClaimedStretch(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Certificate(Section):
-    """All that a certificate says: the robot and the scene that it begins with, and its stretches, one or more."""
+    """The content of a certificate: the robot and the scene at its beginning, and one stretch or more."""
 
     format: str = key(document.one_of, known=[schema.FORMAT])
     version: int = key(document.one_of, known=[schema.VERSION])
-    # What the file says it was made from. The verifier neither reads nor prints it.
+    # Origin of robot and scene, according to the file. The verifier neither reads nor prints it.
     source: Any = key(document.plain)
     robot: RobotDocument = key(document.section, kind=RobotDocument)
     scene: SceneDocument = key(document.section, kind=SceneDocument)
@@ -473,7 +473,7 @@ class Certificate(Section):
     def read(cls, content: Any) -> Certificate:
         """Read a certificate from plain data.
 
-        Raises InputError, naming the key, if anything in it has no place; CertificateError if it is malformed.
+        Raises InputError, naming the key, if it has an unknown key or value; CertificateError if it is malformed.
         """
         schema.check_form(content)
         with malformed_refused():
@@ -486,7 +486,10 @@ class Certificate(Section):
         return any((one.trajectory or one.motion).velocity is not None for one in self.stretches)
 
     def sentences(self, about: str) -> tuple[str, ...]:
-        """Return what is claimed, in words; first what the motions are free of. Of stretches what holds of all."""
+        """Return the sentences of the claims. Of several stretches, only claims that hold for all are included.
+
+        `about` is added to the first sentence, which says that the motions are free.
+        """
         first, *others = (stretch.sentences for stretch in self.stretches)
         if not others:
             return (f"every motion is free{about}", *self._handling, *first)
@@ -497,14 +500,14 @@ class Certificate(Section):
             joined += f" of {sum(spans):.3f} s, without jumps of velocity"
         elif spans:
             joined += f", {len(self.stretches) - len(spans)} stretches of which are not in time"
-        # How long a stretch takes, and how many pieces it has, says nothing of the others.
+        # Durations and numbers of pieces belong to single stretches.
         own = {one.sentences[0] for stretch in self.stretches for one in (stretch.motion, stretch.trajectory) if one}
         common = (claim for claim in first if claim not in own and all(claim in one for one in others))
         return (f"every motion of {len(self.stretches)} stretches is free{about}", joined, *self._handling, *common)
 
     @property
     def _handling(self) -> list[str]:
-        """What is held and what may touch, and on which stretches."""
+        """Sentences about held objects and allowed contacts, with the indices of their stretches."""
         holds: dict[tuple[str, str], list[int]] = {}
         touch: dict[tuple[tuple[str, ...], str, float], list[int]] = {}
         held: dict[str, str] = {}
@@ -523,7 +526,7 @@ class Certificate(Section):
         return said
 
     def _on(self, numbers: Sequence[int]) -> str:
-        """Return on which stretches by their numbers, which are in order, neighbours as a range."""
+        """Return a text that lists ascending indices of stretches, with ranges for consecutive ones."""
         if len(self.stretches) == 1:
             return ""
         runs: list[list[int]] = []
@@ -537,7 +540,7 @@ class Certificate(Section):
 
     @property
     def not_claimed(self) -> tuple[str, ...]:
-        """What could be claimed of some stretch, and is not; of several ones a path has no rates to claim."""
+        """Names of possible claims that at least one stretch does not make."""
         several = len(self.stretches) > 1
         missing = [[*one.not_claimed, *(RATES if several and one.lasts is None else ())] for one in self.stretches]
         return tuple(dict.fromkeys(name for names in missing for name in names))

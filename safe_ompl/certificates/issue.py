@@ -1,9 +1,9 @@
-"""Issues certificates: motions with the proof that they may be driven, which anyone can check (`verify`).
+"""Issue certificates: motions with claims that anyone can verify (`verify`).
 
-A certificate has stretches, of which a single motion is one. Each has a motion of polynomials, of which a path is one
-with straight pieces, what is claimed of it, and what changes hands before it; the verifier divides the pieces until the
-claims are proven. Each certificate is verified before it is handed out. The digest shows that a file has changed; it is
-no signature, for whoever changes a file can compute it.
+A certificate consists of stretches; a single motion is one stretch. Each stretch has a motion of polynomials (a path
+has straight pieces), the claims about it, and the objects that are attached or detached before it. The verifier divides
+the pieces until the claims are proven. Each certificate is verified before it is returned. The digest shows whether a
+file has changed. It is not a signature, because anyone who changes a file can recompute it.
 """
 
 from __future__ import annotations
@@ -45,21 +45,21 @@ from safe_ompl.motions import Motion, MotionCheck, RateLimits, SmoothLaw, Trajec
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario, Scene
 
-# A bound of the danger within a tube is tried, and made larger by this factor, so often.
+# A bound of the danger within a tube is increased by this factor until it is proven, at most `_MOST_BOUNDS` times.
 _BOUND_FACTOR, _MOST_BOUNDS = 1.1, 50
-# What says of which kind a danger is.
+# Options that define the kind of danger.
 _KIND = ("aggregate", "weighting", "k1", "sharpness")
-# What says so of the danger of a motion in time besides.
+# Further options of the danger of a timed motion.
 _IN_MOTION = ("k2", "gamma")
-# Share by which the danger that is claimed is larger than what was found, so that it can be confirmed by plain means.
+# Relative margin of the claimed danger above the danger found, so that the verifier's simpler bounds can confirm it.
 _LEAST_SLACK = 0.03
 _OF_STRETCH = ("clearance", "moving_obstacles", "tool", "tube")  # of `Claims`
 _OF_CURVE = ("times", "coefficients", "timed")
 _OF_MOTION = (*_OF_CURVE, "slack", "rounding")
-# Stretches follow each other if their times differ by no more than sums of durations are rounded.
+# Stretches are consecutive if their times differ by at most the rounding of sums of durations.
 _SAME_TIME = 1e-6  # [s]
-# Objects are in the same place if they are no farther apart than forward kinematics is rounded. The certificate holds
-# what the verifier computes.
+# Objects are at the same pose if they differ by at most the rounding of forward kinematics. The certificate stores the
+# poses that the verifier computes.
 _SAME_PLACE = 1e-6  # [m and rad]
 
 
@@ -70,27 +70,28 @@ def _widths(key: str, value: Any) -> FloatArray | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Claims(document.Section):
-    """What a certificate of a path claims besides that it is free.
+    """Claims of a path's certificate, besides that the path is free.
 
     Parameters
     ----------
     clearance : mapping, optional
-        That links keep a `distance` [m] from the `obstacles` named.
+        Links keep a `distance` [m] from the `obstacles` named.
     moving_obstacles : mapping, optional
-        That the path stays free, and keeps its clearance, whatever obstacles do that move no faster than their `speeds`
-        (by name [m/s]), until a `time` [s] after the moment of the scene: see `Separation`.
+        The path stays free, and keeps its clearance, while obstacles move no faster than their `speeds` (by name
+        [m/s]), until a `time` [s] after the instant of the scene: see `Separation`.
     tool : mapping, optional
         Limits of the tool: an `orientation` with `axis` (of the tip), `direction` (in the world) and `angle` [rad], a
         `position` with bounds of `x`, `y` and `z` [m]; either or both.
     tube : array_like, shape (n,), optional
-        All this of every motion, too, whose joints are within these widths of the path [rad or m]; not of a trajectory.
+        The claims hold for every motion whose joint values are within these widths of the path [rad or m]. A trajectory
+        cannot have a tube.
     spacing : float, optional
-        Distance between the danger points [m]; default: the scene's own.
+        Distance between the danger points [m]. Default: the scene's own.
     max_danger : float, optional
-        This bound of the danger, if it can be proven and is lower than what is claimed otherwise.
+        A bound of the danger to claim, if it can be proven and is lower than the bound that is claimed otherwise.
     also_sampled : str, optional
-        What the path was planned to obey without proof, such as "your checker, sampled at 0.01 rad". The verification
-        reports that it is not covered.
+        A requirement that the path was planned to keep without proof, such as "your checker, sampled at 0.01 rad". The
+        verification reports that the requirement is not covered.
     """
 
     clearance: ClaimedClearance | None = key(document.section, default=None, kind=ClaimedClearance)
@@ -117,25 +118,26 @@ def certificate(
     Parameters
     ----------
     path : array_like, shape (N, n)
-        Way points [rad or m]; between them joints move on straight lines; see `Robot.way_points`.
+        Way points [rad or m], joined by straight lines in joint space; see `Robot.way_points`.
     robot, scene : Robot, Scene
         The robot, and the obstacles.
     claims : Claims or mapping, optional
-        What is claimed besides that the path is free: `clearance`, `moving_obstacles`, `tool`, `tube`, `max_danger` and
-        others, see `safe_ompl.certificates.Claims`.
+        Claims besides that the path is free: `clearance`, `moving_obstacles`, `tool`, `tube`, `max_danger` and others,
+        see `safe_ompl.certificates.Claims`.
     field : DangerField, optional
-        Claim a bound of the path's danger, too, where there is one.
+        Also claim a bound of the path's danger in this field, if there is a finite bound.
     trajectory : Trajectory, optional
-        Claim the path in time, too: duration, limits of joint velocities and accelerations, that the curve is free, its
-        stops beside people. Of its danger in motion the limit that it was made for, or else, with a `field`, its proven
-        peak.
+        Also claim the timed path: its duration, limits of joint velocities and accelerations, that the curve is free,
+        and its stops for people. Its claimed danger in motion is the limit that it was made for or, with a `field`, its
+        proven peak.
     source : mapping, optional
-        Where robot and scene come from: kept as it is. They travel inside in any case.
+        Origin of robot and scene, stored unchanged. Robot and scene are always stored in the certificate.
 
     Raises
     ------
     InputError
-        If the path has the wrong shape or is not finite, a claim has no meaning, or a file of robot or scene is gone.
+        If the path has the wrong shape or is not finite, a claim has no meaning, or a file of robot or scene is
+        missing.
     PlanningError
         If an edge cannot be proven.
     """
@@ -169,7 +171,7 @@ def certificate(
 def _issued(
     stretches: Sequence[Mapping[str, Any]], robot: Robot, scene: Scene, source: Mapping[str, Any] | None, **more: Any
 ) -> dict[str, Any]:
-    """Return the certificate of stretches; raise PlanningError unless the verifier proves what is said of them."""
+    """Return the certificate of stretches. Raises PlanningError unless the verifier proves their claims."""
     content = {
         "format": schema.FORMAT,
         "version": schema.VERSION,
@@ -194,19 +196,19 @@ def _issued(
 
 
 def _stretch(said: Mapping[str, Any], motion: Motion) -> dict[str, Any]:
-    """Return what is claimed of a motion, with the motion itself."""
+    """Return the claims about a motion, together with the motion."""
     given = motion.to_mapping()
     return {**said, "motion": {key: given[key] for key in _OF_MOTION if key in given} | said.get("motion", {})}
 
 
 def signed(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a certificate with its digest."""
+    """Return a certificate with its digest added."""
     plain: dict[str, Any] = schema.as_plain(content)
     return {**plain, "digest": schema.digest(plain)}
 
 
 def _keeps(limit: DangerLimit, path: FloatArray, proof: MotionProver | None) -> Iterator[bool]:
-    """Yield for each edge whether a limit is proven to be kept; with a tube `proof` has it."""
+    """Yield for each edge whether a danger limit is proven. With a tube, `proof` contains the tube."""
     prover = limit if proof is None else replace(proof, limits=[limit])
     return (prover.check(start, end).verdict is Verdict.FREE for start, end in pairwise(path))
 
@@ -219,7 +221,7 @@ def _danger_claim(
     if proof is not None and np.isfinite(bound):
         tried = (bound * _BOUND_FACTOR**k for k in range(_MOST_BOUNDS))
         kept = (b for b in tried if all(_keeps(DangerLimit(field, b), path, proof)))
-        # What the tube adds is not known before.
+        # The increase of the danger by the tube is unknown, so growing bounds are tried.
         bound = next(kept, np.inf)
     if limit and limit < bound:
         bound = limit if all(_keeps(DangerLimit(field, limit), path, proof)) else bound
@@ -229,7 +231,7 @@ def _danger_claim(
 
 
 def _check_points(field: DangerField, spacing: float, scene: Scene) -> None:
-    """Raise InputError if the field's danger points are not those of the scene: no verification would look at them."""
+    """Raise InputError if the field's danger points differ from the scene's, which the verifier uses."""
     if not np.array_equal(field.points, scene.danger_points(spacing)[0]):
         raise InputError(f"the danger points of the field are not those of the scene, {spacing:g} m apart", "spacing")
 
@@ -239,7 +241,7 @@ def _kind(field: DangerField, spacing: float, *more: str) -> dict[str, Any]:
 
 
 def trajectory_claim(trajectory: Trajectory, scene: Scene) -> dict[str, Any]:
-    """Return the claim of a trajectory in plain numbers; what is claimed of its danger comes from `danger_claim`."""
+    """Return the claim of a trajectory in plain numbers, without its danger (see `moving_danger_claim`)."""
     curve, law, jerk = trajectory.curve, trajectory.law, trajectory.limits.jerk
     more: dict[str, Any] = {"tool_speed": trajectory.tool_speed, "link_speed": trajectory.link_speed}
     if isinstance(law, SmoothLaw) and jerk is not None:
@@ -261,7 +263,7 @@ def trajectory_claim(trajectory: Trajectory, scene: Scene) -> dict[str, Any]:
 
 
 def _people(people: People, scene: Scene) -> dict[str, Any]:
-    """Return what stops beside people are about; of the speeds of limbs those of limbs that are there."""
+    """Return the claim about stops for people. Of the limb speeds, only those of existing limbs are included."""
     if people.contact:
         raise InputError(
             "a certificate states that the robot stops, not how it touches: leave it out", "people.contact"
@@ -279,7 +281,7 @@ def _people(people: People, scene: Scene) -> dict[str, Any]:
 def moving_danger_claim(
     trajectory: Trajectory, field: KinetostaticField, spacing: float, scene: Scene
 ) -> dict[str, Any] | None:
-    """Return the claim of the danger in motion: its limit, or proven peak; None where a danger point may be reached."""
+    """Return the claim of the danger in motion: its limit, or proven peak; None if a danger point may be reached."""
     _check_points(field.field, spacing, scene)
     bound = trajectory.max_danger
     if bound is None:
@@ -293,30 +295,30 @@ def moving_danger_claim(
 def motion_certificate(
     check: MotionCheck, *, spacing: float | None = None, source: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Return the certificate of a motion that is proven, as plain numbers, lists and strings.
+    """Return the certificate of a proven motion, as plain numbers, lists and strings.
 
     Parameters
     ----------
     check : MotionCheck
-        The motion, and what is proven of it: all of that is claimed. It is verified at once.
+        The motion and its proven claims, which are all claimed. The certificate is verified at once.
     spacing : float, optional
-        Distance between the danger points of its limit of the danger [m]; default: the scene's own.
+        Distance between the danger points of the danger limit [m]. Default: the scene's own.
     source : mapping, optional
-        Where robot and scene come from: kept as it is. They travel inside in any case.
+        Origin of robot and scene, stored unchanged. Robot and scene are always stored in the certificate.
 
     Raises
     ------
     PlanningError
-        If the motion is not proven, or too little is left for the verifier's plain means.
+        If the motion is not proven, or its margins are too small for the verifier's simpler methods.
     InputError
-        If a limit of it has no claim, as stops beside people, or its danger points are not the scene's.
+        If a limit of the check cannot be claimed, such as stops for people, or its danger points are not the scene's.
     """
     said = _claims_of(check, spacing)
     return _issued([_stretch(said, check.motion)], check.proof.checker.robot, check.proof.checker.scene, source)
 
 
 def _claims_of(check: MotionCheck, spacing: float | None = None) -> dict[str, Any]:
-    """Return what is claimed of a motion that is proven; errors as `motion_certificate`."""
+    """Return the claims about a proven motion; errors as `motion_certificate`."""
     if not check:
         more = f", and {len(check.violations) - 1} more" * (len(check.violations) > 1)
         raise PlanningError(f"the motion is not proven, and has no certificate: {check.violations[0]}{more}")
@@ -336,7 +338,7 @@ def _claims_of(check: MotionCheck, spacing: float | None = None) -> dict[str, An
 
 
 def clearance_claim(clear: MinClearance | None, scene: Scene) -> dict[str, Any] | None:
-    """Return the claim of a clearance: nothing is claimed of obstacles that some links need not keep it from."""
+    """Return the claim of a clearance. Obstacles that some links may touch or approach are not claimed."""
     exempt = set() if clear is None else {obstacle for _, obstacle in clear.exempt}
     exempt |= {obstacle.name for obstacle in scene if obstacle.touched_by}
     kept = [] if clear is None else [name for name in clear.obstacles if name not in exempt]
@@ -344,7 +346,7 @@ def clearance_claim(clear: MinClearance | None, scene: Scene) -> dict[str, Any] 
 
 
 def _limits(proof: MotionProver, spacing: float) -> dict[str, Any]:
-    """Return what is claimed of danger and tool in plain numbers."""
+    """Return the claims about danger and tool in plain numbers."""
     found: dict[str, Any] = {}
     tool: dict[str, Any] = {}
     for limit in proof.limits:
@@ -368,25 +370,25 @@ def program_certificate(
     *,
     begin: tuple[Robot, Scene] | None = None,
 ) -> dict[str, Any]:
-    """Return the certificate of a program, as plain numbers, lists and strings, verified.
+    """Return the verified certificate of a program, as plain numbers, lists and strings.
 
     Parameters
     ----------
     stretches : iterable of (float, MotionCheck)
-        When each begins [s], and what is proven of it, as `ProgramResult.stretches` has them.
+        Start time [s] and check of each stretch, as in `ProgramResult.stretches`.
     source : mapping, optional
-        Where robot and scene come from: kept as it is.
+        Origin of robot and scene, stored unchanged.
     steps : sequence of str, optional
-        What each stretch is for, in words: kept as it is.
+        Description of each stretch, stored unchanged.
     begin : (Robot, Scene), optional
-        The robot and the scene that the program begins with; default: those of the first stretch.
+        The robot and the scene at the beginning of the program. Default: those of the first stretch.
 
     Raises
     ------
     PlanningError
-        If a stretch is not proven, or they do not follow each other.
+        If a stretch is not proven, or the stretches are not consecutive.
     InputError
-        As `motion_certificate`, which see.
+        As `motion_certificate`.
     """
     parts = list(stretches)
     if not parts:
@@ -409,7 +411,7 @@ def program_certificate(
 
 
 def _changes(cell: RecordedCell, check: MotionCheck) -> dict[str, Any]:
-    """Return which objects change hands before a stretch, and which contacts are allowed on it."""
+    """Return the objects attached or detached before a stretch, and the contacts allowed during it."""
     robot, (_, touched) = check.proof.checker.robot, check.proof.checker.scene.untouched()
     held = {item.name: item for item in robot.spec.attached}
     contacts = [{"links": links, "object": name, "depth": depth} for name, (links, depth) in touched.items()]
@@ -429,7 +431,7 @@ def _changes(cell: RecordedCell, check: MotionCheck) -> dict[str, Any]:
 
 
 def _check_same(robot: Robot, scene: Scene, check: MotionCheck, number: int) -> None:
-    """Raise PlanningError unless a stretch was proven of what the program has there."""
+    """Raise PlanningError unless a stretch was proven for the robot and the scene of the program at that point."""
     own, its = robot.spec, check.proof.checker.robot.spec
     why = "" if replace(own, attached=()) == replace(its, attached=()) else "its robot is another one"
     mine = {item.name: item for item in (*scene, *own.attached)}
@@ -450,10 +452,10 @@ def _check_same(robot: Robot, scene: Scene, check: MotionCheck, number: int) -> 
 
 
 def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> AskedTerms:
-    """Return what claims about a scenario must agree with: its options of the danger, its limits, its people.
+    """Return the terms that claims about a scenario must agree with: its danger options, its limits, its people.
 
-    The robot is its own, or one that takes its place. The limits of its joints need not be known if no motion in time
-    is claimed.
+    `robot` is the scenario's robot, or its replacement. With `timed=False` the joint limits are not needed, for claims
+    without timed motions.
     """
     scene, motion, people = scenario.scene, scenario.motion, scenario.people
     steps = () if scenario.program is None else scenario.program.steps

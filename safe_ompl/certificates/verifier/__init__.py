@@ -1,1 +1,1 @@
-"""The verifier of certificates: it shares nothing with what plans, proves motions or issues certificates."""
+"""The verifier of certificates. It shares no code with the packages that plan, prove motions or issue certificates."""

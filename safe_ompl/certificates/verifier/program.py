@@ -1,9 +1,9 @@
-"""What changes hands between the stretches of a certificate, and whether a scenario's program says so.
+"""Track attached and detached objects between the stretches of a certificate, and compare them with a program.
 
-The file carries motions, which objects change hands between them, and which contacts are allowed; robots and scenes are
-built here from those that it begins with. What is taken stays where it is in the hand, and what is put down where it is
-in the world, so that nothing can change its shape or drift. What may touch an object must stay out of all that is
-deeper in it than is said.
+The file contains motions, the objects attached or detached between them, and the allowed contacts. Robots and scenes
+are built here from those at the beginning. An attached object keeps its pose in the hand, and a detached object keeps
+its pose in the world, so that objects cannot change shape or drift. Links that may touch an object must stay out of the
+part of the object that is deeper than the allowed depth.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from safe_ompl.geometry import Obstacle, Pose
 from safe_ompl.robot import Attachment, Robot
 from safe_ompl.scene import CONTACT_DEPTH, Attach, Detach, Gripper, Scene, Step
 
-# Depths whose relative difference is below this are the same: they are written as decimal numbers.
+# Depths are equal up to this relative difference, because they are written as decimal numbers.
 _EQUAL_DEPTHS = 1e-9
-# Joints of a gripper end a step this near to the values that the program says: files hold rounded numbers.
+# At the end of a step, gripper joints are this near to the values of the program, because files hold rounded numbers.
 _GRIPPER_TOLERANCE = 1e-6  # [rad or m]
 
 
 class RecordedCell:
-    """The robot and the scene of a program as objects change hands.
+    """The robot and the scene of a program as objects are attached and detached.
 
     Attributes
     ----------
     held : dict of str to Attachment
-        What the robot holds, by name.
+        The objects that the robot holds, by name.
     scene : Scene
-        What stands about it.
+        The obstacles around the robot.
     """
 
     def __init__(self, robot: Robot, scene: Scene) -> None:
@@ -41,7 +41,7 @@ class RecordedCell:
         self.held = {item.name: item for item in robot.spec.attached}
 
     def change(self, stretch: ClaimedStretch, q: FloatArray) -> None:
-        """Put down and take what changes hands before a stretch, where the robot is at `q`."""
+        """Detach and attach the objects of a stretch, which begins at configuration `q`."""
         if not (stretch.detach or stretch.attach):
             return
         model = self._robot.bare.shared.model
@@ -65,7 +65,7 @@ class RecordedCell:
             self.scene = self.scene.without(name)
 
     def during(self, contacts: Iterable[ClaimedContact]) -> tuple[Robot, Scene]:
-        """Return robot and scene while some contacts are allowed."""
+        """Return robot and scene with the given contacts allowed."""
         contacts, scene, held = tuple(contacts), self.scene, dict(self.held)
         if not contacts and tuple(held.values()) == self._robot.spec.attached:
             return self._robot, scene
@@ -83,13 +83,13 @@ class RecordedCell:
 
 
 class AllowedChanges:
-    """What steps of a program say of objects that change hands, and of contacts, in their order."""
+    """The attached and detached objects and the contacts that the steps of a program allow, in order."""
 
     def __init__(self, steps: Sequence[Step], robot: Robot) -> None:
         self._robot, self._passed = robot, 0
         self._changes, self._contacts = list[tuple[str, str | None]](), [dict[tuple[str, str], float]()]
         self._depths: dict[tuple[str, str], float] = {}
-        # Where the joints of grippers are at each change, as far as steps before it have moved them.
+        # Values of the gripper joints at each change, as set by earlier steps.
         grips, self._grips = dict[str, float](), list[dict[str, float]]()
         for step in steps:
             if isinstance(step, Gripper):
@@ -103,7 +103,7 @@ class AllowedChanges:
                     known[pair] = max(known.get(pair, 0.0), getattr(step, "depth", 0.0))
 
     def _tip(self, step: Step) -> str | None:
-        """Return the tip that takes an object; None where it is put down."""
+        """Return the tip that takes an object, or None if the object is put down."""
         if isinstance(step, Detach):
             return None
         arm = getattr(step, "arm", None)
@@ -111,9 +111,9 @@ class AllowedChanges:
         return tips[0] if arm is None else next(tip for tip in tips if tip.startswith(f"{arm}_"))
 
     def check(self, stretch: ClaimedStretch, held: Mapping[str, Attachment], q: FloatArray) -> None:
-        """Raise CertificateError unless the program says what changes hands before a stretch, and may touch on it.
+        """Raise CertificateError unless the program allows the changes before a stretch and its contacts.
 
-        The stretch begins at `q: (n,)`: what changes hands does so where the steps of grippers before it end.
+        The stretch begins at `q: (n,)`, where gripper joints must be as preceding gripper steps leave them.
         """
         changes = [*((name, None) for name in stretch.detach), *stretch.attach.items()]
         wanted = self._changes[self._passed : self._passed + len(changes)]

@@ -1,7 +1,8 @@
-"""Verifies certificates, on its own: distances, displacement bounds and dangers are computed once more by plain means.
+"""Verify certificates independently: recompute distances, motion bounds and dangers by simple methods.
 
-Nothing here is shared with what issues certificates, plans or proves motions: no broad phase, no margins inside
-queries, no displacement radii, no field kernels. From the models come only robot, scene and their kinematics.
+The verifier shares no code with the parts that issue certificates, plan or prove motions: no broad phase, no margins
+inside queries, no displacement radii, no field kernels. It only uses the models of robot and scene and their
+kinematics.
 """
 
 from __future__ import annotations
@@ -25,33 +26,33 @@ from safe_ompl.io import built_robot, built_scene, schema
 from safe_ompl.robot import PackageDir, Robot, robot_hash
 from safe_ompl.scene import Scene, Step
 
-# Verification may take so long by default.
+# Default time limit of a verification.
 TIME = 600.0  # [s]
 
 
 @dataclass(frozen=True)
 class Verified:
-    """What was checked of a certificate that holds."""
+    """The result of a successful verification."""
 
-    # Pieces of the motion, the parts of these that were looked at, and distances of bodies
+    # Numbers of pieces of the motion, of their parts that were checked, and of distance queries.
     edges: int
     intervals: int
     distances: int
-    # What holds, in words; the first sentence says so if robot or scene are the file's own
+    # Sentences of the proven claims. The first sentence says so if robot or scene are taken from the file.
     claims: tuple[str, ...]
-    # What a certificate can claim, but this one does not: of "clearance", "danger", "moving obstacles", "tool",
-    # "tube", of a motion in time "velocity", "acceleration" and "jerk", and, where it claims a trajectory, its "stops",
-    # "jerk", "tool speed", "link speed" and "danger in motion"
+    # Possible claims that the certificate does not make: "clearance", "danger", "moving obstacles", "tool", "tube"; for
+    # a timed motion "velocity", "acceleration" and "jerk"; for a trajectory "stops", "jerk", "tool speed", "link speed"
+    # and "danger in motion".
     not_claimed: tuple[str, ...]
-    # Of what nothing is proven: links without collision geometry, checks that were only sampled
+    # Parts without any proof: links without collision geometry, and checks that were only sampled.
     not_covered: tuple[str, ...]
     robot: str  # Name of the robot
     obstacles: tuple[str, ...]  # Names of the obstacles
-    # Which of "robot" and "scene" were taken from the file, and compared with nothing
+    # "robot" and "scene", if they were taken from the file and not compared with given ones.
     own: tuple[str, ...]
 
     def __str__(self) -> str:
-        """Say what holds, what is not claimed, and of what nothing is proven, in a line each."""
+        """Return the claims, the claims not made, and the parts without proof, one per line."""
         lacks = {"not claimed": self.not_claimed, "not covered": self.not_covered}
         return "\n".join([*self.claims, *(f"{key}: {', '.join(of)}" for key, of in lacks.items() if of)])
 
@@ -67,31 +68,32 @@ def verify(
     package_dirs: Sequence[PackageDir] = (),
     time: float = TIME,
 ) -> Verified:
-    """Check a certificate: that what it claims holds of every motion in it, and that several are one motion.
+    """Verify that every claim of a certificate holds, and that its stretches form one motion.
 
     Parameters
     ----------
     content : mapping
         The certificate.
     robot : Robot, optional
-        The robot that it must begin with; default: built from what the certificate carries, and then the certificate
-        says nothing of any other robot.
+        The robot at the beginning. Default: the robot stored in the certificate. Then the result says nothing about any
+        other robot.
     scene : Scene, optional
-        The scene that it must begin with; default: the one that it carries.
+        The scene at the beginning. Default: the scene stored in the certificate.
     terms : AskedTerms, optional
-        What its claims must agree with: options of the danger, limits of the motion, people; `terms_of` makes them.
-        Without any, claims are checked as they are; their sentences say what they are.
+        Terms that the claims must agree with: danger options, limits of the motion, people; made by `terms_of`. Without
+        terms, claims are verified as they are, and their sentences describe them.
     package_dirs : sequence of path-like
-        For a robot that is carried, as in `built_robot`.
+        For a robot that is stored in the certificate, as in `built_robot`.
     time : float
-        [s] What is not verified by then stays undecided, which is a CertificateError that says where.
+        [s] Time limit. A claim that is not verified in time raises a CertificateError that says where.
 
     Raises
     ------
     CertificateError
-        If anything in it does not hold: says what, and where, with the number of the stretch where there are several.
+        If a claim does not hold. The error says which claim, and where, with the index of the stretch if there are
+        several.
     InputError
-        If it is no certificate, its robot cannot be built, or the time is not positive.
+        If the content is no certificate, its robot cannot be built, or the time is not positive.
     """
     budget = Budget(number("time", time, above=0.0, kind="number of seconds"))
     with malformed_refused():
@@ -130,7 +132,7 @@ def verify(
 
 @contextmanager
 def _naming(stretch: int, count: int) -> Iterator[None]:
-    """Put the number of a stretch, if there are several, before every error."""
+    """Prefix every error with the index of the stretch, if there are several."""
     place = f"stretch {stretch}" if count > 1 else ""
     try:
         with document.within(place, ": ") if place else nullcontext(), malformed_refused():
@@ -140,7 +142,7 @@ def _naming(stretch: int, count: int) -> Iterator[None]:
 
 
 class Origin(NamedTuple):
-    """The robot and the scene that a certificate is about, and which of them the file itself carries."""
+    """The robot and the scene of a certificate, and which of them were taken from the file."""
 
     robot: Robot
     scene: Scene
@@ -148,14 +150,17 @@ class Origin(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Say so where they are the file's own."""
+        """Text for robot or scene that are taken from the file; empty if neither is."""
         return f", for the {' and the '.join(self.own)} that the file itself carries" if self.own else ""
 
 
 def _origin(
     claims: Certificate, robot: Robot | None, scene: Scene | None, package_dirs: Sequence[PackageDir]
 ) -> Origin:
-    """Return robot and scene, those that the file carries where none are given; what it says of them must agree."""
+    """Return robot and scene, by default those stored in the file.
+
+    Raises an error if they differ from the certificate's.
+    """
     with document.within("scene"):
         carried = built_scene(claims.scene)
     own = tuple(name for name, given in (("robot", robot), ("scene", scene)) if given is None)
@@ -171,9 +176,9 @@ def _origin(
 
 
 def _proven(claims: ClaimedStretch, robot: Robot, scene: Scene, motion: RecordedMotion, budget: Budget) -> IntArray:
-    """Return the number of pieces, parts and distances that the proof of all that is claimed of a stretch took."""
+    """Prove the claims of a stretch; return the numbers of pieces, parts and distances."""
     claims.check_for(robot, scene)
-    # Numbers that are too large to be compared would satisfy no limit and violate none.
+    # Overflow must be an error, because comparisons with infinity or NaN would satisfy limits falsely.
     with np.errstate(over="raise"):
         separations = Separations(robot, scene, claims, budget)
         found = check_motion(claims, robot, scene, separations, motion)
@@ -185,13 +190,13 @@ def _proven(claims: ClaimedStretch, robot: Robot, scene: Scene, motion: Recorded
 
 
 def _check_digest(said: str, content: Mapping[str, Any]) -> None:
-    """Raise CertificateError unless a file is as it was written."""
+    """Raise CertificateError if the digest shows that the file has changed."""
     if said != schema.digest(content):
         raise CertificateError("every claim holds, but the file is not as it was written: its digest differs")
 
 
 def _not_covered(robot: Robot, scene: Scene) -> list[str]:
-    """Return of what nothing is proven: links without collision geometry, contacts that robot and scene allow."""
+    """Return the parts without proof: links without collision geometry, and contacts that robot and scene allow."""
     lacking = sorted(robot.links_without_collision)
     held = [(item.touch_links, item.name, item.touch_depth) for item in robot.attached if item.touch_links]
     touched = [(obstacle.touched_by, obstacle.name, None) for obstacle in scene if obstacle.touched_by]
@@ -224,28 +229,28 @@ def _check_origin(claims: Certificate, robot: Robot, scene: Scene) -> None:
         raise CertificateError("the scene has changed since it was written")
 
 
-# Numbers that are computed from a robot agree if their relative difference is smaller.
+# Numbers that are computed from a robot are equal up to this relative difference.
 _EQUAL_LIMITS = 1e-9
 _COMPUTED = ("velocity", "acceleration", "jerk")
 
 
 @dataclass(frozen=True, kw_only=True)
 class AskedTerms:
-    """What claims are asked to be about, such as the options of a scenario; None where nothing is asked for."""
+    """Terms that claims must agree with, such as the options of a scenario; None where any value is accepted."""
 
-    # Options of the field and the spacing of the danger points [m]; empty where nothing in the scene is dangerous
+    # Options of the field and the spacing of the danger points [m]; empty if nothing in the scene is dangerous.
     danger: Mapping[str, Any] | None = None
-    # `velocity`, `acceleration` and `jerk` (n,), `tool_speed` and `link_speed`; None where there is no limit
+    # `velocity`, `acceleration` and `jerk` (n,), `tool_speed` and `link_speed`; None where there is no limit.
     motion: Mapping[str, Any] | None = None
-    # The limit of the danger in motion
+    # The limit of the danger in motion.
     max_danger: float | None = None
-    # `who`, `speed`, `speeds`, `reaction_time` and `clearance`, as in `ClaimedStops`; empty where there are no people
+    # `who`, `speed`, `speeds`, `reaction_time` and `clearance`, as in `ClaimedStops`; empty without people.
     stops: Mapping[str, Any] | None = None
-    # The steps of a program, which say what may change hands, and which contacts are allowed
+    # The steps of a program, which define the objects that are attached and detached, and the allowed contacts.
     steps: Sequence[Step] | None = None
 
     def check(self, claims: ClaimedStretch) -> None:
-        """Raise CertificateError, naming what differs, unless everything that is claimed agrees."""
+        """Raise CertificateError, naming the difference, unless all claims agree with the terms."""
         timed, motion = claims.trajectory, claims.motion
         self._compare("danger", claims.danger, self.danger)
         if self.motion is not None:
@@ -276,7 +281,7 @@ class AskedTerms:
 
 
 def _agree(mine: Any, asked: Any, apart: float) -> bool:
-    """Return whether two values are the same, numbers but for a relative difference."""
+    """Return whether two values are equal, up to a relative difference of numbers."""
     mine, asked = _listed(mine), _listed(asked)
     if isinstance(mine, Mapping) and isinstance(asked, Mapping):
         return mine.keys() == asked.keys() and all(_agree(mine[part], asked[part], apart) for part in mine)
