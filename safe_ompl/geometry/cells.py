@@ -1,4 +1,4 @@
-"""Solids that are cells of a grid, and the trees in which kernels find those that are near."""
+"""Solids of grid cells, with trees in which compiled code finds the cells near a body."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.geometry.convex import NODE, Records
 
-# The relative rounding of single precision, in which coal keeps its trees.
+# Relative rounding of single precision, in which coal stores its trees.
 SINGLE_ROUNDING = 1.2e-7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Voxels:
-    """A solid of C ≥ 1 different cells of a grid, `numbers: (C, 3)`; cell k is from k·edge to (k + 1)·edge [m].
+    """A solid of C ≥ 1 distinct grid cells `numbers: (C, 3)`; cell k covers [k·edge, (k + 1)·edge] along each axis [m].
 
-    Eight cells of a level are one of the next, and so on up to one that has all.
+    Eight cells of a level form one cell of the next level, up to a root that contains all cells.
     """
 
     numbers: IntArray
@@ -26,9 +26,9 @@ class Voxels:
 
     @cached_property
     def tree(self) -> Records:
-        """The cells of all levels that have any, of type `NODE`; made when first asked for.
+        """The octree of the occupied cells of all levels, of type `NODE`, in Morton order.
 
-        They are in Morton's order: the bits of their numbers along the axes take turns.
+        A Morton code interleaves the bits of the cell numbers along the axes.
         """
         low, depth = self.numbers.min(axis=0), self._depth
         axes: IntArray = np.array((self.numbers - low).T, order="C")
@@ -39,7 +39,7 @@ class Voxels:
         codes, corners = codes[order], axes.T[order]
         firsts = [np.flatnonzero(np.diff(codes >> 3 * level, prepend=-1)) for level in range(depth + 1)]
         first, level = np.concatenate(firsts), np.repeat(np.arange(depth + 1), list(map(len, firsts)))
-        # A cell comes before the cells in it.
+        # A cell precedes the cells that it contains.
         order = np.lexsort((-level, first))
         first, level = first[order], level[order]
         begins = codes[first] >> 3 * level << 3 * level
@@ -52,12 +52,12 @@ class Voxels:
 
     @property
     def half_sides(self) -> FloatArray:
-        """Half the side of a cell of each level (L,) [m], and what the rounding may add."""
+        """Half the side of the cells of each level (L,) [m], enlarged by the rounding."""
         return self.edge * 2.0 ** np.arange(-1.0, self._depth) + self.rounding
 
     @property
     def rounding(self) -> float:
-        """How far from where it should be coal has a face of a cell [m], at most."""
+        """Bound on the error of a cell's face in coal's tree [m]."""
         return SINGLE_ROUNDING * self.edge * (1.0 + float(np.abs(self.numbers).max()))
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Point clouds as obstacles: balls about the points, in large clouds the cells of a grid that they touch."""
+"""Point clouds as obstacles: balls around the points; in large clouds, the grid cells that the balls touch."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ from safe_ompl.geometry.surfaces import Triangles
 
 _log = logging.getLogger(__name__)
 
-# A cloud of more points collides as one solid instead of one ball per point.
+# A cloud with more points than this collides as one solid of cells instead of one ball per point.
 _MOST_BALLS = 32
 _LEAST_RADIUS = 1e-4  # [m]
-# Where half of the points are farther from the origin than this, the unit is probably wrong.
+# If half of the points are farther from the origin than this, the unit is probably wrong.
 _UNLIKELY = 50.0  # [m]
-# The smallest edge of a cell, as a share of the radius. Smaller cells would be many, and hardly tighter.
+# Minimal edge of a cell, as a share of the radius. Smaller cells would be many, and hardly tighter.
 _FINEST = 0.125
-# The most cells with points in them whose edge is half a radius.
+# Limit of the occupied cells with an edge of half a radius.
 _FEW_CELLS = 5_000
-# The most cells with points in them of any coarser edge.
+# Limit of the occupied cells with a longer edge.
 _MANY_CELLS = 60_000
 # An OcTree of coal has this many cells on each side of its origin, along each axis.
 _HALF_DEPTH = 1 << 15
-# A ball that is this near to a cell, relative to its radius, counts as touching it.
+# A ball counts as touching a cell if their distance is below this share of the radius.
 _TOUCHING = 1e-9
-# A grid of at most this many cells is kept as a table.
+# A grid of at most this many cells is stored as a table of booleans.
 _TABLE = 1 << 25
-# A drawn ball has this many corners on every circle.
+# A drawn ball has this many corners on each circle.
 _CORNERS = 6
 _MESSAGE_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # `datatype` of a PointCloud2
 
@@ -56,21 +56,21 @@ def _points(key: str, value: Any) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class PointCloud(Shape):
-    """Points, each of which stands for a ball.
+    """A point cloud, in which each point is the centre of a ball.
 
-    Points that are NaN or infinite, as cameras send them where they see nothing, are left out; the log says how many.
+    Points with NaN or infinity, which cameras send for missing measurements, are dropped. The log gives their number.
 
     Parameters
     ----------
     radius : float
-        Radius of the ball about each point, from 0.0001 [m].
+        Radius of the ball around each point [m], at least 0.0001.
     file : path-like, optional
         A PLY file (ASCII or binary), or an NPY file with an array of shape (N, 3).
     points : array_like, shape (N, 3), optional
-        The points [m], instead of a file. Kept as a read-only array.
+        The points [m], instead of a file. They are stored as a read-only array.
     resolution : float, optional
-        Edge of the cells that cover the balls [m], an eighth of the radius at least. Default: half the radius;
-        doubled as often as is needed to keep few cells, which is logged where it goes beyond the radius.
+        Edge of the cells that cover the balls [m], at least an eighth of the radius. Default: half the radius, doubled
+        until the number of cells is small. An edge above the radius is logged.
 
     Raises
     ------
@@ -79,10 +79,10 @@ class PointCloud(Shape):
 
     Notes
     -----
-    Up to 32 points collide as balls, exactly. A larger cloud collides as the solid of all cells of a grid that a ball
-    touches (a `coal.OcTree`). The cells contain the balls, so that nothing is missed, neither in a collision query
-    (with margin or without) nor in a distance query; every point of a cell is within √3·`resolution` of a ball, so that
-    distances come out smaller than they are by that much at most.
+    Up to 32 points collide exactly, as balls. A larger cloud collides as the union of all grid cells that a ball
+    touches (a `coal.OcTree`). The cells contain the balls, so collision queries (with or without margin) and distance
+    queries are conservative. Each point of a cell is within √3·`resolution` of a ball, so distances are underestimated
+    by at most this.
 
     The danger points are points of the cloud, thinned to the spacing.
 
@@ -110,7 +110,7 @@ class PointCloud(Shape):
         ) -> None: ...
 
     def check(self) -> None:
-        """Raise InputError unless there are points, and cells that fit their radius."""
+        """Raise InputError unless the cloud has points, and a resolution that fits the radius."""
         if (self.points is None) == (self.file is None):
             raise InputError("give either points or file, one of the two", "points")
         self.centres  # noqa: B018 (reads and checks the file now, so that it is needed no more)
@@ -119,16 +119,16 @@ class PointCloud(Shape):
 
     @classmethod
     def from_message(cls, message: Any, radius: float, *, resolution: float | None = None) -> PointCloud:
-        """Return the cloud of a ROS `sensor_msgs/PointCloud2` message, or of a mapping with its keys; ROS is needless.
+        """Convert a ROS `sensor_msgs/PointCloud2` message, or a mapping with its keys, to a cloud, without ROS.
 
-        Points are in the frame of the message: the obstacle's pose is where that frame is in the world. Raises
+        Points are in the frame of the message. The pose of the obstacle is the pose of this frame in the world. Raises
         InputError if the message has no x, y and z, its sizes contradict each other, or no point is finite.
         """
         return cls(radius, points=_message_points(message), resolution=resolution)
 
     @cached_property
     def centres(self) -> FloatArray:
-        """The points that are finite, shape (N, 3) [m]; read-only."""
+        """The finite points (N, 3) [m], read-only."""
         if self.file is None:
             return np.asarray(self.points)
         return _finite(_READERS[self.file.suffix.lower()](self.file), "file")
@@ -148,13 +148,13 @@ class PointCloud(Shape):
         return hash((self.radius, self.file, self.resolution, self.centres.tobytes()))
 
     def measured_anew(self, measured: Any, pose: Pose) -> PointCloud:
-        """Return the cloud of other points (N, 3) [m], given in the world frame."""
+        """Return the cloud with other points (N, 3) [m], given in the world frame."""
         points = _points("points", measured)
         own = placed(pose.se3.inverse(), points) if pose != Pose() else points
         return PointCloud(self.radius, points=own, resolution=self.resolution)
 
     def same_body(self, other: Shape) -> bool:
-        """Return whether another cloud is this one, or has other points with the same radius and resolution."""
+        """Return whether another cloud has the same radius and resolution."""
         sizes = self.radius, self.resolution
         return isinstance(other, PointCloud) and (other.radius, other.resolution) == sizes
 
@@ -169,13 +169,13 @@ class PointCloud(Shape):
 
     @cached_property
     def _solid(self) -> Part:
-        """The balls as one geometry; kept, as building it takes a while."""
+        """The cells as one geometry, cached because building it is slow."""
         edge = self.cell_edge
         return cell_tree(touched_cells(self.centres, self.radius, edge), edge)
 
     @cached_property
     def cell_edge(self) -> float:
-        """Edge of the cells that cover a large cloud [m]: `resolution`, or what is right for the number of points."""
+        """Edge of the cells that cover a large cloud [m]: `resolution`, or its default for the number of points."""
         if self.resolution is not None:
             return self.resolution
         edge = self.radius / 2
@@ -192,11 +192,11 @@ class PointCloud(Shape):
         return float(len(self.centres))
 
     def danger_points(self, spacing: float) -> FloatArray:
-        """Return points of the cloud, shape (M, 3), such that all others are within `spacing` of them [m]."""
+        """Return points (M, 3) of the cloud such that each other point is within `spacing` [m] of one of them."""
         return surfaces.thinned(self.centres, spacing)
 
     def triangles(self, resolution: int) -> Triangles:
-        """Return coarse balls, in a large cloud one for each cell of a radius."""
+        """Return coarse balls; in a large cloud one per cell with an edge of a radius."""
         centres = self.centres
         # Only the first point in each cell is kept.
         if len(centres) > _MOST_BALLS:
@@ -212,7 +212,7 @@ class PointCloud(Shape):
 
 
 def _finite(points: FloatArray, key: str) -> FloatArray:
-    """Return the points that are finite, read-only; log how many are not."""
+    """Return the finite points as a read-only array, and log the number of the others."""
     finite = np.isfinite(points).all(axis=1)
     dropped = len(points) - int(finite.sum())
     if dropped == len(points):
@@ -237,10 +237,10 @@ def _finite(points: FloatArray, key: str) -> FloatArray:
 
 
 def touched_cells(centres: FloatArray, radius: float, edge: float) -> IntArray:
-    """Return the cells (C, 3) of a grid that balls about `centres: (N, 3)` [m] touch; their union contains the balls.
+    """Return the grid cells (C, 3) that balls around `centres: (N, 3)` [m] touch. Their union contains the balls.
 
     Cell k covers [k·edge, (k + 1)·edge] along each axis [m]: no point of the union is farther than √3·edge from a ball.
-    Raises InputError if they spread over more than coal's trees can hold.
+    Raises InputError if the cells extend farther than coal's trees support.
     """
     span = float(np.ptp(centres, axis=0).max()) + 2 * radius
     if span / edge >= 2 * _HALF_DEPTH - 4:
@@ -255,11 +255,11 @@ def touched_cells(centres: FloatArray, radius: float, edge: float) -> IntArray:
     extent = home.max(axis=0) + reach[-1] + 1 - low
     stride = np.array([extent[1] * extent[2], extent[2], 1])
     first = (home - low) @ stride
-    # The array has shape (3, N), and its numbers lie between 0 and the edge.
+    # This is the position of each centre in its cell, shape (3, N), from 0 to the edge.
     beyond = np.ascontiguousarray((centres - home * edge).T)
-    # A coal tree rounds its extent to single precision: what it covers is grown by as much.
+    # A tree of coal rounds its extent to single precision, so the balls are enlarged by this rounding.
     limit = (radius * (1 + _TOUCHING) + SINGLE_ROUNDING * edge * float(extent.max())) ** 2
-    # Squared distance, along each axis, of a ball's centre from the cells that are k cells away from its own.
+    # These are the squared distances, along each axis, of the centres from cells that are k cells away from their own.
     gaps = {k: np.square(np.maximum(np.maximum(k * edge - beyond, beyond - (k + 1) * edge), 0.0)) for k in reach}
     flat = _Numbers(int(extent.prod()))
     for i, j in product(reach, repeat=2):
@@ -271,7 +271,7 @@ def touched_cells(centres: FloatArray, radius: float, edge: float) -> IntArray:
 
 
 class _Numbers:
-    """A set of whole numbers from 0 to `count`: a table where that is small, else a list."""
+    """A set of integers from 0 to `count` − 1, as a table if `count` is small, else as a list of arrays."""
 
     def __init__(self, count: int) -> None:
         self._table = np.zeros(count, dtype=bool) if count <= _TABLE else None
@@ -284,14 +284,14 @@ class _Numbers:
             self._lists.append(np.unique(numbers))
 
     def all(self) -> IntArray:
-        """Return them in order, each once."""
+        """Return the numbers, sorted and without repeats."""
         if self._table is not None:
             return np.asarray(np.flatnonzero(self._table), dtype=np.intp)
         return np.unique(np.concatenate(self._lists))
 
 
 def cell_tree(cells: IntArray, edge: float) -> Part:
-    """Return a solid whose points are those of the `cells: (C, 3)`."""
+    """Return the union of the `cells: (C, 3)` with this `edge` [m] as a part with a tree of coal."""
     middle = (cells.min(axis=0) + cells.max(axis=0)) // 2
     tree = coal.makeOctree((cells - middle + 0.5) * edge, edge)
     tree.computeLocalAABB()
@@ -299,7 +299,7 @@ def cell_tree(cells: IntArray, edge: float) -> Part:
 
 
 def _count_cells(points: FloatArray, edge: float) -> int:
-    """Return in how many cells of a grid there are points (N, 3)."""
+    """Return the number of grid cells that contain points (N, 3) [m]."""
     cells, count = _cells_of(points, edge)
     found = _Numbers(count)
     found.add(cells)
@@ -307,14 +307,14 @@ def _count_cells(points: FloatArray, edge: float) -> int:
 
 
 def _cells_of(points: FloatArray, edge: float) -> tuple[IntArray, int]:
-    """Return the cells (N,) of a grid that points (N, 3) are in, and how many cells there are."""
+    """Return the numbers (N,) of the grid cells that contain points (N, 3) [m], and the number of all cells."""
     home = np.floor((points - points.min(axis=0)) / edge).astype(np.intp)
     extent = home.max(axis=0) + 1
     return (home[:, 0] * extent[1] + home[:, 1]) * extent[2] + home[:, 2], int(extent.prod())
 
 
 def _message_points(message: Any) -> FloatArray:
-    """Return the points of a `PointCloud2`, attributes or keys, shape (N, 3), in its frame [m]; some may be NaN."""
+    """Return the points (N, 3) [m] of a `PointCloud2` (attributes or keys) in its frame; some may be NaN."""
     names = ("height", "width", "fields", "is_bigendian", "point_step", "row_step", "data")
     height, width, fields, big, step, row_step, data = (_part(message, name) for name in names)
     offsets, order = {}, ">" if big else "<"

@@ -1,4 +1,4 @@
-"""Convex bodies: hulls of meshes, hulls that bound other bodies, and bodies as kernels take them."""
+"""Convex bodies: hulls of meshes, bounding hulls of other bodies, and tables of bodies for compiled code."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from safe_ompl.geometry.pose import LONGEST
 
 _log = logging.getLogger(__name__)
 
-# The largest error of coal's iterative distances.
+# Maximal error of coal's iterative distances.
 DISTANCE_ERROR = 1e-5  # [m]
-# The share of the body's size by which corners are moved, so that those in one plane leave the plane.
+# Corners are moved randomly by this share of the body's size, so that coplanar corners leave their plane.
 _JITTER = 1e-6
-# A hull is made larger than computed by this share.
+# Hulls are enlarged by this share against rounding.
 _HULL_GROWTH = 1e-9
-# Vertices that spread by no more than this lie in a plane.
+# Vertices count as coplanar if they spread by at most this along the normal.
 _IN_PLANE = 1e-9  # [m]
-# Coarser and coarser hulls have their corners picked by this many directions.
+# Numbers of directions that select the corners of increasingly coarse hulls.
 _CORNERS = (2000, 1000, 500, 250, 120)
 
 
 def triangle_tree(vertices: FloatArray, faces: IntArray) -> coal.BVHModelOBBRSS:
-    """Return triangles as a bounding volume tree: each triangle is hit, the space between them is empty."""
+    """Return triangles as a bounding volume hierarchy: a hollow surface, of which only the triangles collide."""
     tree = coal.BVHModelOBBRSS()
     tree.beginModel(len(faces), len(vertices))
     tree.addVertices(np.ascontiguousarray(vertices))
@@ -45,14 +45,14 @@ def triangle_tree(vertices: FloatArray, faces: IntArray) -> coal.BVHModelOBBRSS:
 
 
 def convex_hull(mesh: coal.BVHModelBase, name: str, thickness: float = 0.0) -> coal.ConvexBase:
-    """Return the convex hull of a triangle mesh; a hardly larger body where coal cannot keep the hull itself.
+    """Return the convex hull of a triangle mesh, or a slightly larger body if coal does not support the hull.
 
-    Flat meshes get a `thickness` [m], the vertices in the middle. Raises InputError if the mesh has no vertices or such
-    that are not finite, or is flat (coal's managers drop such shapes in silence) and no thickness is given.
+    Flat meshes get a `thickness` [m], with the vertices in the middle. Raises InputError if the mesh has no vertices or
+    vertices that are not finite, or is flat without a thickness (coal's managers drop flat shapes without an error).
 
-    coal refuses a hull in which a corner has more than 254 neighbours: the tip of a cone, say. Then the hull of fewer,
-    or of slightly moved corners is taken, and blown up about its centre until it holds every vertex of the mesh, which
-    is then checked. For a body K with the origin inside and faces n·x ≤ d, s·K holds x exactly if n·x ≤ s·d for each.
+    coal refuses a hull in which a corner has more than 254 neighbours, such as the tip of a cone. Then the hull of
+    fewer or slightly moved corners is enlarged about its centre until it contains all vertices of the mesh, and this is
+    checked. For a body K with the origin inside and faces n·x ≤ d, s·K contains x exactly if n·x ≤ s·d for each face.
     """
     vertices = np.asarray(mesh.vertices(), dtype=np.float64)
     if not np.isfinite(vertices).all():
@@ -80,16 +80,16 @@ def convex_hull(mesh: coal.BVHModelBase, name: str, thickness: float = 0.0) -> c
 
 
 def _thin_directions(vertices: FloatArray) -> FloatArray:
-    """Return unit vectors (3, 3) in which vertices have no extent; rows of zeros for the others."""
+    """Return unit vectors (3, 3) of the principal directions in which vertices have no extent; other rows are zero."""
     spread = np.vstack([vertices - vertices.mean(axis=0), np.zeros((3, 3))])
     _, extents, directions = np.linalg.svd(spread, full_matrices=False)
     return np.where((extents < _IN_PLANE)[:, None], directions, 0.0)
 
 
 def _slightly_larger_hull(vertices: FloatArray, name: str) -> coal.Convex:
-    """Return a convex body that holds all `vertices: (V, 3)`, at most 254 neighbours a corner, and is hardly larger."""
+    """Return a slightly larger convex body with all `vertices: (V, 3)`, and at most 254 neighbours per corner."""
     middle = vertices.mean(axis=0)
-    # Inside, wherever vertices crowd.
+    # This centre is well inside the body even if most vertices are at one place.
     center = middle + _extreme(vertices - middle, _CORNERS[-1]).mean(axis=0)
     points = vertices - center
     for corners in _choices(points):
@@ -109,7 +109,7 @@ def _slightly_larger_hull(vertices: FloatArray, name: str) -> coal.Convex:
 
 
 def _choices(points: FloatArray) -> Iterator[FloatArray]:
-    """Corners to take the hull of, the most exact first; always the same ones."""
+    """Yield candidate sets of corners for the hull, the most exact first. The sets are deterministic."""
     noise = np.random.default_rng(0).uniform(-1.0, 1.0, points.shape)
     jitter = _JITTER * np.ptp(points, axis=0).max() * noise
     yield points + jitter
@@ -120,9 +120,12 @@ def _choices(points: FloatArray) -> Iterator[FloatArray]:
 
 
 def _extreme(points: FloatArray, count: int) -> FloatArray:
-    """Return the points that are farthest in `count` directions, evenly spread once the body is as wide as long."""
+    """Return the extreme points in `count` directions, which are uniform after the points are scaled to unit variance.
+
+    The directions are Halton points mapped to the sphere.
+    """
     round_points = points @ np.linalg.inv(np.linalg.cholesky(points.T @ points / len(points))).T
-    uv = np.array([halton_point(k + 1, 2) for k in range(count)])  # carried to the sphere
+    uv = np.array([halton_point(k + 1, 2) for k in range(count)])
     height, angle = 2 * uv[:, 0] - 1, 2 * np.pi * uv[:, 1]
     radius = np.sqrt(1 - height**2)
     directions = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
@@ -130,7 +133,7 @@ def _extreme(points: FloatArray, count: int) -> FloatArray:
 
 
 def _points(points: FloatArray) -> coal.BVHModelBase:
-    """Return points as vertices of a mesh, which coal makes hulls of."""
+    """Return a mesh with the points as vertices, from which coal builds hulls."""
     return triangle_tree(points, np.array([[0, 1, 2]]))
 
 
@@ -139,7 +142,7 @@ def _hull_or_none(points: FloatArray) -> coal.Convex | None:
     try:
         tree.buildConvexHull(True, "Qt")
     except RuntimeError:
-        # The hull has too many neighbours, or is too flat for Qhull.
+        # A corner of the hull has too many neighbours, or the hull is too flat for Qhull.
         return None
     return tree.convex
 
@@ -151,7 +154,7 @@ def hull_planes(hull: coal.Convex) -> tuple[FloatArray, FloatArray]:
     a, b, c = (corners[triangles[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1)
-    # A sliver says nothing of its plane.
+    # The normal of a sliver triangle is not reliable.
     thick = lengths > 1e-12 * lengths.max()
     normals = normals[thick] / lengths[thick, None]
     offsets = np.einsum("fc,fc->f", normals, a[thick])
@@ -161,19 +164,19 @@ def hull_planes(hull: coal.Convex) -> tuple[FloatArray, FloatArray]:
 
 
 def _reaches(hull: coal.Convex, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return how far (F,) points reach along the outward normals of a hull's faces, and the offsets of these [m]."""
+    """Return the maximal n·x (F,) of points for the face normals n of a hull, and the offsets (F,) of the faces [m]."""
     normals, offsets = hull_planes(hull)
     chunks = np.array_split(points, 1 + len(points) // 1000)
     return np.max([(normals @ chunk.T).max(axis=1) for chunk in chunks], axis=0), offsets
 
 
-# Up to this many vertices are quicker looked at one by one than by lists.
+# For up to this many vertices, a linear search is quicker than lists of extreme vertices.
 _FEW = 12
-# Up to each number of vertices lists are kept for so many cells along a side of the cube of directions.
+# Pairs of a number of vertices and the cells along a side of the cube of directions, for up to this many vertices.
 _GRIDS = ((100, 4), (1000, 8), (np.inf, 12))
-# The grid of cells by which many vertices are thinned first.
+# Large sets of vertices are first reduced to the extreme vertices of this grid.
 _COARSE = 2
-# More vertices than the first number are thinned first; more than the second are replaced by their box.
+# Above the first number, vertices are reduced first. Above the second, they are replaced by their bounding box.
 _MANY, _MOST = 1000, 20_000
 
 # A shape with vertices farther from the origin than this counts as infinite.
@@ -184,20 +187,20 @@ _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Hull:
-    """Points (P, 3) [m] whose convex hull, grown by `radius` [m], holds a body."""
+    """Points (P, 3) [m] whose convex hull, enlarged by `radius` [m], contains a body."""
 
     points: FloatArray
     radius: float
 
     def moved(self, placement: pin.SE3) -> Hull:
-        """Return the hull in the frame that `placement` maps to."""
+        """Return the hull transformed by `placement`."""
         return Hull(self.points @ placement.rotation.T + placement.translation, self.radius)
 
 
 def bounding_hull(geometry: coal.CollisionGeometry, *, coarse: bool = False) -> Hull:
-    """Return points and a radius that enclose `geometry` in its own frame.
+    """Return a hull that contains `geometry`, in the frame of the geometry.
 
-    Exact for spheres, capsules, boxes and meshes; other shapes, and meshes if `coarse`, are enclosed by the eight
+    The hull is exact for spheres, capsules, boxes and meshes. Other shapes, and meshes if `coarse`, get the eight
     corners of their bounding box.
     """
     if isinstance(geometry, coal.Sphere):
@@ -213,27 +216,27 @@ def bounding_hull(geometry: coal.CollisionGeometry, *, coarse: bool = False) -> 
 
 
 def bounding_box(geometry: coal.CollisionGeometry) -> FloatArray:
-    """Return the box (6,) about `geometry` in its own frame: its centre, and half its sides [m]."""
+    """Return the bounding box (6,) of `geometry` in its own frame: centre and half sides [m]."""
     geometry.computeLocalAABB()
     box = geometry.aabb_local
     low, high = box.min_, box.max_
     return np.concatenate([high + low, high - low], dtype=np.float64) / 2
 
 
-# Cells are as exact as coal if the rounding of coal's trees is below this.
+# Cells count as exact if the rounding of coal's trees is below this.
 _EXACT = 2e-6  # [m]
 _NO_NODES = np.zeros(0, NODE)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ConvexBodies:
-    """Convex bodies that hold the G bodies of a geometry model, in its order; `exact: (G,)` says which are the same.
+    """Convex bodies that contain the G bodies of a geometry model, in its order; `exact: (G,)`: which equal them.
 
-    `starts: (C + 1,)` and `vertices: (E, 3)` are lists of their vertices, as kernels have them: the first one is the
-    origin alone, for most bodies. `bounded` says whether all are finite: no plane, no half space.
+    `starts: (C + 1,)` and `vertices: (E, 3)` are lists of vertices for compiled code. The first list contains only the
+    origin, and most bodies use this list. `bounded` is false if a body is infinite (a plane or half space).
 
-    Some may be `solids` of cells, by their indices. Once they are joined to others there are trees of their cells,
-    `nodes`, and a cell of each level is one more body, after all others.
+    Bodies may be `solids` of cells, by index. After `joined`, `nodes` has the trees of their cells, and each level of a
+    tree adds one cell as a body after all others.
     """
 
     bodies: Records
@@ -246,15 +249,15 @@ class ConvexBodies:
 
     @cached_property
     def table(self) -> ShapeTable:
-        """The same for compiled code."""
+        """The table of the bodies for compiled code."""
         return ShapeTable(self.bodies, self.starts, self.vertices, self.nodes)
 
     @classmethod
     def of(cls, parts: Sequence[Any]) -> ConvexBodies:
-        """Return the bodies of a geometry model, each a `pin.GeometryObject`, or parts of shapes (`Part`)."""
+        """Convert the bodies of a geometry model (`pin.GeometryObject`), or parts of shapes (`Part`)."""
         bodies, known = np.zeros(len(parts), BODY), [_summands(part.geometry) for part in parts]
         if parts:
-            # Parts of shapes have no joint: their placement is in the world.
+            # Parts of shapes have no joint. Their placement is in the world.
             bodies["joint"] = [getattr(part, "parentJoint", 0) for part in parts]
             bodies["rotation"] = [part.placement.rotation for part in parts]
             bodies["translation"] = [part.placement.translation for part in parts]
@@ -279,7 +282,7 @@ class ConvexBodies:
         return cls(bodies, np.array(starts, dtype=np.intp), np.concatenate(lists), bounded, exact, solids)
 
     def joined(self, others: ConvexBodies) -> ConvexBodies:
-        """Return these bodies, none of them a solid of cells, and, after them, others."""
+        """Return these bodies followed by `others`. None of these may be a solid of cells."""
         bodies = np.empty(len(self.bodies) + len(others.bodies), BODY)
         bodies[: len(self.bodies)], bodies[len(self.bodies) :] = self.bodies, others.bodies
         starts, vertices = self.starts, self.vertices
@@ -303,9 +306,10 @@ class ConvexBodies:
 
 
 class _Summands(NamedTuple):
-    """The parts whose Minkowski sum holds a body, or is it, if `exact`: vertices (V, 3), box (3,), disc and ball.
+    """Parts whose Minkowski sum contains a body, or equals it if `exact`: vertices (V, 3), box (3,), disc and ball.
 
-    The `span` of the vertices is their least and greatest coordinates, and the radius of a ball that holds them.
+    The `span` (7,) has the minimal and maximal coordinates of the vertices, and the radius of a ball that contains
+    them [m].
     """
 
     vertices: FloatArray
@@ -339,7 +343,7 @@ def _summands(geometry: coal.CollisionGeometry) -> _Summands:
 
 
 def _listed(vertices: FloatArray) -> tuple[int, list[int], FloatArray]:
-    """Return the grid of a body, and its vertices as lists for each cell."""
+    """Return the grid size of a body, and its lists of extreme vertices per cell of directions."""
     if len(vertices) <= _FEW:
         return 0, [0, len(vertices)], vertices
     if len(vertices) > _MANY:

@@ -1,8 +1,8 @@
-"""Files of meshes: what they say about units and axes, whether they are whole, and the triangles in them.
+"""Reading mesh files: their units and axes, checks that they are complete, and their triangles.
 
-coal reads meshes with Assimp. It ignores the unit and the upward axis of COLLADA, as these are in the transformation of
-the outermost node, which coal skips. Assimp leaves out what it cannot read, or a file that is cut off lacks, and it
-crashes on PLY files that are cut off. So every file is checked before coal reads it.
+coal reads meshes with Assimp. coal skips the transformation of the outermost node, and with it the unit and the upward
+axis of COLLADA. Assimp silently drops elements that it cannot read or that a truncated file lacks, and crashes on
+truncated PLY files. So every file is checked before coal reads it.
 """
 
 from __future__ import annotations
@@ -25,29 +25,29 @@ from safe_ompl.geometry.surfaces import Triangles
 
 MESH_ENDINGS = (".stl", ".obj", ".dae", ".ply")
 PLY_SURFACES = ("face", "tristrips")
-"""Elements of a PLY file that make it a surface."""
-# These rotations turn the axes of a COLLADA file so that its upward axis becomes z.
+"""Elements of a PLY file that define a surface."""
+# Rotations that map the upward axis of a COLLADA file to z.
 _AXES = {
     "X_UP": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
     "Y_UP": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
     "Z_UP": np.eye(3),
 }
-# Assimp leaves these tags of COLLADA out, or reads only some of their triangles.
+# Assimp drops these tags of COLLADA, or reads only some of their triangles.
 _UNREAD_TAGS = ("skew", "trifans", "convex_mesh", "spline", "brep", "instance_controller")
-# Statements of OBJ that describe surfaces that Assimp leaves out: free-form ones, and other files.
+# Statements of OBJ for surfaces that Assimp drops: free-form surfaces, and references to other files.
 _UNREAD_STATEMENTS = re.compile(rb"^\s*(surf|call|csh|bsp|bzp|cdc|cdp|res)\s", re.MULTILINE)
 _STL_HEADER, _STL_TRIANGLE = 84, 50  # bytes
 
 
 class MeshFrame(NamedTuple):
-    """What a file says about its coordinates: the unit in metres, and which axis is up."""
+    """The coordinates of a mesh file: the unit [m] and the upward axis."""
 
     unit: float = 1.0
     up: str = "Z_UP"
 
 
 def read_ply(file: Path) -> plyfile.PlyData:
-    """Return the content of a PLY file; raise InputError if it cannot be read or is cut off."""
+    """Return the content of a PLY file. Raises InputError if it cannot be read or is truncated."""
     try:
         with warnings.catch_warnings():
             # The warnings are about empty elements.
@@ -59,7 +59,7 @@ def read_ply(file: Path) -> plyfile.PlyData:
 
 
 def check_mesh(file: Path) -> MeshFrame:
-    """Return unit and axes of a mesh file, or raise InputError if not all of it would be read."""
+    """Return unit and upward axis of a mesh file. Raises InputError if Assimp would not read all of it."""
     check = _CHECKS.get(file.suffix.lower())
     if check is None:
         raise InputError(f"{file} cannot be read as a mesh; convert it to one of {', '.join(MESH_ENDINGS)}")
@@ -67,9 +67,9 @@ def check_mesh(file: Path) -> MeshFrame:
 
 
 def read_mesh(file: Path, scale: FloatArray) -> Triangles:
-    """Return vertices (V, 3) [m], z up, and triangles (F, 3) of a mesh file, scaled along x, y and z after that.
+    """Return vertices (V, 3) [m] with z up, scaled by `scale` (3,), and triangles (F, 3) of a mesh file.
 
-    Raises InputError if the file is no mesh, or not all of it can be read.
+    Raises InputError if the file is not a mesh, or cannot be read completely.
     """
     frame = check_mesh(file)
     plain = frame == MeshFrame()
@@ -98,12 +98,12 @@ def _check_collada(file: Path) -> MeshFrame:
 
 
 class _Collada:
-    """One run through a COLLADA file."""
+    """Parser that checks a COLLADA file in one pass."""
 
     def __init__(self, file: Path) -> None:
         self._file = file
         self._above: list[str] = []
-        # The units as they are written, the file's own unit first.
+        # The units as they are written, beginning with the unit of the file.
         self._units: list[str] = []
         self._ups: list[str] = []
         self._text: list[str] = []
@@ -120,7 +120,7 @@ class _Collada:
 
     @property
     def frame(self) -> MeshFrame:
-        """Unit and axes; without a word about them, metres and y up, as the standard has it."""
+        """Unit and upward axis; by default metres and y, as in the standard."""
         for found in (self._units, self._ups):
             if any(other != found[0] for other in found):
                 raise self._error(f"parts of it have units or axes of their own ({' and '.join(found)}): give them one")
@@ -183,7 +183,7 @@ def _check_ply(file: Path) -> MeshFrame:
 
 
 def _check_stl(file: Path) -> MeshFrame:
-    """Check that an STL of text is whole; Assimp itself compares a binary one's length with what it announces."""
+    """Check that a text STL is complete. Assimp itself checks the length of binary files."""
     content = file.read_bytes()
     announced = struct.unpack_from("<I", content, _STL_HEADER - 4)[0] if len(content) >= _STL_HEADER else -1
     binary = len(content) == _STL_HEADER + _STL_TRIANGLE * announced

@@ -18,8 +18,8 @@ from safe_ompl.geometry.pose import Pose, placed, turn_onto
 from safe_ompl.geometry.shapes import Capsule, Part, Shape, Sphere
 from safe_ompl.geometry.surfaces import Triangles
 
-# Key points of a standing body, arms down, as fractions of its height: x forward, y to the left, z up, the
-# origin on the floor between the feet. After the segment lengths of Drillis and Contini (1966).
+# Key points of a standing body with arms down, as fractions of its height: x forward, y to the left, z up, with the
+# origin on the floor between the feet. The segment lengths are those of Drillis and Contini (1966).
 _LEFT = {
     "shoulder": (0.0, 0.110, 0.812),
     "elbow": (-0.01, 0.132, 0.628),
@@ -41,7 +41,7 @@ STANDING: dict[str, FloatArray] = {
 }
 _PARENT = {"elbow": "shoulder", "wrist": "elbow", "hand": "wrist", "knee": "hip", "ankle": "knee", "toe": "ankle"}
 
-# Capsules: from one key point to another, with a radius as a fraction of the height.
+# Capsules between two key points, with the radius as a fraction of the height.
 _SIDE_LIMBS = {
     "flank": ("shoulder", "hip", 0.052),
     "upper_arm": ("shoulder", "elbow", 0.028),
@@ -71,17 +71,17 @@ _SHORTEST = 1e-9  # [m] of a limb
 
 @dataclass(frozen=True)
 class Body:
-    """A body of which some key points are given [m], with names as in `STANDING`, and the others follow.
+    """Key points of a body, computed from `given` key points [m] with names as in `STANDING`.
 
-    A key point that is not given moves along with the one that it hangs on. Given the hand or the wrist, the elbow
-    bends downwards so that the lengths of upper arm and forearm stay. All lengths follow from the height [m].
+    A missing key point moves with its parent key point. If the hand or the wrist is given, the elbow bends downwards
+    and the lengths of upper arm and forearm are kept. All lengths are proportional to the height [m].
     """
 
     height: float
     given: Mapping[str, Sequence[float]]
 
     def point(self, name: str) -> FloatArray:
-        """Return a key point (3,) [m] in the frame of the body; `shoulders`, `pelvis` and `chest`, too."""
+        """Return a key point (3,) [m] in the frame of the body, also for `shoulders`, `pelvis` and `chest`."""
         if name in self.given:
             return np.array(self.given[name])
         if name == "shoulders":
@@ -108,7 +108,7 @@ class Body:
         return self.height * float(np.linalg.norm(STANDING[f"{side}_{end}"] - STANDING[f"{side}_{start}"]))
 
     def _bent_elbow(self, side: str) -> FloatArray:
-        """Elbow of a two-segment arm from shoulder to wrist that hangs as low as it can."""
+        """Return the lowest possible elbow (3,) [m] of a two-segment arm from shoulder to wrist."""
         upper, fore = self._segment(side, "shoulder", "elbow"), self._segment(side, "elbow", "wrist")
         shoulder, wrist = self.point(f"{side}_shoulder"), self.point(f"{side}_wrist")
         reach = float(np.linalg.norm(wrist - shoulder))
@@ -124,12 +124,12 @@ class Body:
         return np.asarray(shoulder + along * forward + np.sqrt(max(upper**2 - along**2, 0.0)) * down)
 
     def _beyond(self, point: FloatArray, way: FloatArray, side: str) -> FloatArray:
-        """Return where one comes from a point along a way, as far as the wrist is from the hand."""
+        """Return the point (3,) [m] from `point` in the direction `way`, at the distance between wrist and hand."""
         return point + self._segment(side, "wrist", "hand") * way / max(float(np.linalg.norm(way)), 1e-9)
 
 
 def _perpendicular(vector: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return the unit vector nearest to `vector` among those at right angles to the unit vector `axis`."""
+    """Return the unit vector (3,) perpendicular to the unit vector `axis` that is nearest to `vector`."""
     for candidate in (vector, np.array([-1.0, 0.0, 0.0])):
         rest = candidate - (candidate @ axis) * axis
         if np.linalg.norm(rest) > 1e-6:
@@ -138,7 +138,7 @@ def _perpendicular(vector: FloatArray, axis: FloatArray) -> FloatArray:
 
 
 class Limb(NamedTuple):
-    """One capsule of a body, or a ball if both its ends are the same key point."""
+    """One capsule of a body, or a sphere if both ends are the same key point."""
 
     name: str
     start: FloatArray
@@ -152,18 +152,18 @@ class Limb(NamedTuple):
 
     @property
     def shape(self) -> Shape:
-        """The capsule or ball, centred at its origin, along z."""
+        """The capsule along z, or the sphere, centred at its origin."""
         return Capsule(self.radius, self.length) if self.length > 0 else Sphere(self.radius)
 
     @property
     def placement(self) -> pin.SE3:
-        """Where the shape is in the frame of the person."""
+        """Placement of the shape in the frame of the person."""
         axis = self.end - self.start
         return pin.SE3(turn_onto(_UPWARDS, axis if axis.any() else _UPWARDS), (self.start + self.end) / 2)
 
     @property
     def geometry(self) -> coal.CollisionGeometry:
-        """The same for collision. A capsule stays one, wherever its ends go."""
+        """The collision geometry. A capsule whose ends coincide remains a capsule."""
         start, end, _ = LIMBS[self.name]
         if start == end:
             return coal.Sphere(self.radius)
@@ -179,30 +179,30 @@ def _limb(key: str, value: Any) -> str:
 
 @dataclass(frozen=True)
 class Person(Shape):
-    """A person, or part of one: standing upright with the arms down unless key points say otherwise.
+    """A person, or some limbs of a person, standing upright with the arms down unless key points are given.
 
     The frame of the person has its origin on the floor between the feet, x forward, y to the left, z up.
 
     Parameters
     ----------
     height : float, optional
-        Body height, from 0.3 to 2.8 [m]; all sizes follow from it.
+        Body height, from 0.3 to 2.8 [m]; all sizes are proportional to the height.
     keypoints : mapping of str to 3 float, optional
-        Where key points are instead, in the frame of the person [m]: ``head``, and ``left_`` or ``right_``
-        with ``shoulder``, ``elbow``, ``wrist``, ``hand`` (the outer finger joints), ``hip``, ``knee``,
-        ``ankle``, ``toe``. The other key points follow, see `safe_ompl.geometry.person.Body`.
+        Measured key points in the frame of the person [m]: ``head``, and ``left_`` or ``right_`` with ``shoulder``,
+        ``elbow``, ``wrist``, ``hand`` (the outer finger joints), ``hip``, ``knee``, ``ankle``, ``toe``. The other key
+        points are computed, see `safe_ompl.geometry.person.Body`.
     only : sequence of str, optional
-        Names of the limbs that there are, for example ``("right_hand", "right_forearm")``; default: all.
+        Names of the limbs to include, for example ``("right_hand", "right_forearm")``; default: all.
 
     Raises
     ------
     InputError
-        If the height is not a person's, a name is unknown, or a hand is out of the arm's reach.
+        If the height is out of range, a name is unknown, or a hand is out of the arm's reach.
 
     Notes
     -----
-    The danger points lie on the surface: the field of a robot outside is harmonic inside the body, so its
-    largest value over the body is on the surface. Those deep inside another limb are left out.
+    The danger points lie on the surface: the field of a robot outside is harmonic inside the body, so its maximum over
+    the body is on the surface. Points deep inside another limb are left out.
 
     Examples
     --------
@@ -220,23 +220,23 @@ class Person(Shape):
     only: tuple[str, ...] = key(document.each, default=(), read=_limb)
 
     def check(self) -> None:
-        """Raise InputError if key points do not fit together."""
+        """Raise InputError if the key points contradict each other."""
         with document.within("keypoints"):
             self.limbs()
 
     def measured_anew(self, measured: Any, pose: Pose) -> Person:
-        """Return the person with these key points, in the world frame, in the place of those known before."""
+        """Return the person with new key points in the world frame, which replace all earlier ones."""
         points = document.mapping("keypoints", measured, STANDING)
         return Person(self.height, _in_frame(pose, points), self.only)
 
     def same_body(self, other: Shape) -> bool:
-        """Return whether another person is as tall, and has the same limbs."""
+        """Return whether another person has the same height and the same limbs."""
         if not isinstance(other, Person) or other.height != self.height:
             return False
         return [limb.name for limb in other.limbs()] == [limb.name for limb in self.limbs()]
 
     def limbs(self) -> tuple[Limb, ...]:
-        """Return the capsules that make up the person, in its own frame."""
+        """Return the capsules of the person, in the frame of the person."""
         return self._limbs
 
     @cached_property
@@ -272,7 +272,7 @@ class Person(Shape):
 
 
 def with_own_keypoints(data: Mapping[str, Any], pose: Pose) -> dict[str, Any]:
-    """Return a person's document in which `world_keypoints`, of the world frame, have become `keypoints`, and win."""
+    """Return the mapping of a person with `world_keypoints` converted to `keypoints`, which they override."""
     own = dict(data)
     world = document.mapping("world_keypoints", own.pop("world_keypoints", {}), STANDING)
     with document.within("world_keypoints"):
@@ -281,7 +281,7 @@ def with_own_keypoints(data: Mapping[str, Any], pose: Pose) -> dict[str, Any]:
 
 
 def _in_frame(pose: Pose, points: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
-    """Return where key points of the world are in the frame of the person [m]."""
+    """Convert key points from the world frame to the frame of the person [m]."""
     world = [document.numbers(name, point, 3) for name, point in points.items()]
     own = placed(pose.se3.inverse(), np.reshape(world, (-1, 3))).tolist()
     return {name: tuple(point) for name, point in zip(points, own, strict=True)}

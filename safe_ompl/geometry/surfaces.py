@@ -1,4 +1,4 @@
-"""Points and triangles on surfaces: boxes, solids of revolution, triangle meshes, bodies made of capsules."""
+"""Points and triangles on surfaces of boxes, solids of revolution, triangle meshes and bodies of capsules."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from safe_ompl.geometry.surface_points import (
 )
 
 Triangles = tuple[FloatArray, IntArray]
-"""Vertices, shape (V, 3) [m], and for each triangle the indices of its vertices, shape (F, 3)."""
+"""Vertices (V, 3) [m], and the vertex indices of each triangle (F, 3)."""
 
 
 def box_triangles(size: FloatArray) -> Triangles:
-    """Return the twelve triangles of a box centred at the origin, seen from outside."""
+    """Return the twelve triangles of a box centred at the origin, anticlockwise as seen from outside."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size
     quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
     return corners, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
@@ -47,7 +47,7 @@ def capsule_profile(radius: float, length: float, arc_step: float, line_step: fl
 
 
 def revolved_triangles(profile: FloatArray, segments: int) -> Triangles:
-    """Return the surface of a solid of revolution as triangles, seen from outside, with so many corners a ring."""
+    """Return the triangles of a solid of revolution with `segments` corners per ring, anticlockwise from outside."""
     angle = 2 * np.pi * np.arange(segments) / segments
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
     rings = [np.column_stack([r * ring, np.full(segments, z)]) for r, z in profile[1:-1]]
@@ -68,9 +68,9 @@ def revolved_triangles(profile: FloatArray, segments: int) -> Triangles:
 
 
 def mesh_points(vertices: FloatArray, faces: IntArray, spacing: float) -> FloatArray:
-    """Return points on a triangle mesh; every point of the mesh is within `spacing` of one of them.
+    """Return points (M, 3) on a triangle mesh. Each point of the mesh is within `spacing` [m] of one of them.
 
-    Triangles have barycentric grids of half the spacing; what lies closer than the other half is thinned.
+    Each triangle gets a barycentric grid of half the spacing. Then points closer than half the spacing are thinned.
     """
     grids = []
     corners = vertices[faces]
@@ -83,19 +83,19 @@ def mesh_points(vertices: FloatArray, faces: IntArray, spacing: float) -> FloatA
 
 
 def most_mesh_points(vertices: FloatArray, faces: IntArray, spacing: float) -> float:
-    """Return how many points `mesh_points` makes before it thins them."""
+    """Return the number of points of `mesh_points` before thinning."""
     steps = _mesh_steps(vertices[faces], spacing)
     return float(((steps + 1) * (steps + 2) / 2).sum())
 
 
 def _mesh_steps(corners: FloatArray, spacing: float) -> FloatArray:
-    """Return into how many steps the edges of each triangle (F, 3, 3) are divided."""
+    """Return the numbers of steps (F,) into which the edges of each triangle (F, 3, 3) are divided."""
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     return np.asarray(np.maximum(1.0, np.ceil(longest / (spacing / 2) - 1e-9)))
 
 
 def thinned(points: FloatArray, distance: float) -> FloatArray:
-    """Walk through points in the order of x; return those that are not within `distance` of one kept before."""
+    """Thin points (N, 3) in the order of x: keep each point that is farther than `distance` from all kept points."""
     # np.unique sorts the points by x.
     rows = np.unique(points, axis=0)
     ends = np.searchsorted(rows[:, 0], rows[:, 0] + distance * (1 + 1e-9), side="right")
@@ -112,7 +112,7 @@ def thinned(points: FloatArray, distance: float) -> FloatArray:
 
 
 def joined(pieces: list[Triangles]) -> Triangles:
-    """Return several triangle meshes as one."""
+    """Concatenate triangle meshes."""
     offsets = np.cumsum([0, *(len(vertices) for vertices, _ in pieces[:-1])])
     faces = [faces + offset for (_, faces), offset in zip(pieces, offsets, strict=True)]
     return np.concatenate([vertices for vertices, _ in pieces]), np.concatenate(faces)
