@@ -1,4 +1,4 @@
-"""What of a robot collides: shapes of the URDF, convex hulls, and the pairs of its own bodies worth checking."""
+"""Collision geometry of a robot: shapes of the URDF, convex hulls, and self-collision pairs."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-# The hulls of flat meshes, such as stickers, are made this thick.
+# Thickness of the hulls of flat meshes, such as stickers.
 _THICKNESS = 2e-4  # [m]
-# A smaller mass is rounding, or that of a link which has one only because a simulator needs it.
+# A smaller mass is rounding, or a dummy mass for a simulator.
 _NO_MASS = 1e-6  # [kg]
 
 CollisionSource = Literal["required", "visual"]
-"""Links without collision shapes do not collide, or their visual shapes do; some moving link must collide."""
+"""With "visual", links without collision shapes use their visual shapes; with "required", they do not collide."""
 
 
 def build_collision_geometry(urdf: UrdfFile, full: pin.Model, collision: str) -> pin.GeometryModel:
-    """Return the collision geometry of all links; with "visual", the visual shapes of links that have no other."""
+    """Return the collision geometry of all links. With "visual", links without collision shapes use visual shapes."""
     geometry = urdf.build_geometry(full, pin.GeometryType.COLLISION)
     bare = urdf.links_with("visual") - urdf.links_with("collision")
     if collision != "visual" or not bare:
@@ -43,7 +43,7 @@ def build_collision_geometry(urdf: UrdfFile, full: pin.Model, collision: str) ->
 
 
 def check_collides(geometry: pin.GeometryModel, collision: str | None, source: str) -> None:
-    """Raise InputError if no moving link has a collision shape; `collision` is None where there are no other shapes."""
+    """Raise InputError if no moving link has a collision shape. `collision` is None for robots from models."""
     if not any(part.parentJoint for part in geometry.geometryObjects):
         remedy = ": its visual shapes are taken with collision='visual' (--collision visual)"
         more = {"required": remedy, "visual": ": it has no visual ones either"}.get(collision or "", "")
@@ -57,20 +57,20 @@ def links_of(model: pin.Model, geometry: pin.GeometryModel | None) -> frozenset[
 
 
 def links_lacking_shapes(model: pin.Model, collide: frozenset[str], drawn: frozenset[str]) -> tuple[str, ...]:
-    """Return the links, moving or not, that have no collision shape, and yet something seems to be there.
+    """Return the links, moving or not, that have no collision shape but seem to be physical.
 
-    Something is where a link is drawn; and where a link without any shape carries mass, or spans some length between
-    shapes on joints before and behind it. Links on fixed joints, unless drawn, are frames.
+    A link is physical if it has a visual shape. A link without any shape is physical if it has mass, or spans some
+    length between shapes on joints before and behind it. Links on fixed joints without visual shapes are only frames.
     """
     frames, fixed = list(model.frames), pin.FrameType.FIXED_JOINT
     links = [frame for frame in frames if frame.type == pin.FrameType.BODY]
-    # A model that was made by hand may have joints without links.
+    # A model built in code may have joints without links.
     linked = {frame.parentFrame for frame in links}
     links += [f for k, f in enumerate(frames) if f.type == pin.FrameType.JOINT and k not in linked]
     shaped = {frame.parentJoint for frame in links if frame.name in collide | drawn}
     masses = [inertia.mass for inertia in model.inertias]
     for frame in frames:
-        # These are links on fixed joints, which carry their mass.
+        # The mass of links on fixed joints is subtracted, because these links are treated separately.
         masses[frame.parentJoint] -= frame.inertia.mass if frame.type == fixed else 0.0
 
     def spans(joint: int) -> bool:
@@ -89,7 +89,7 @@ def links_lacking_shapes(model: pin.Model, collide: frozenset[str], drawn: froze
 
 
 def warn_of_unchecked(robot: str, links: Iterable[str]) -> None:
-    """Say in one warning which moving links have no collision shapes, if any."""
+    """Log one warning with the moving links that have no collision shapes, if there are any."""
     if names := ", ".join(links):
         warn_once(
             _log,
@@ -99,28 +99,28 @@ def warn_of_unchecked(robot: str, links: Iterable[str]) -> None:
 
 
 def make_convex(geometry: pin.GeometryModel) -> None:
-    """Replace every mesh of `geometry` by its convex hull, in place; flat ones get a little thickness."""
+    """Replace each mesh of `geometry` by its convex hull, in place. Flat meshes get a small thickness."""
     for part in geometry.geometryObjects:
         if isinstance(part.geometry, coal.BVHModelBase):
             part.geometry = convex_hull(part.geometry, part.name, _THICKNESS)
 
 
 _SAMPLES = 1000
-# A pair that is in contact in at least this share of the samples counts as always in contact.
+# A pair in contact in more than this share of the samples counts as always in contact.
 _ALWAYS = 0.95
 # Joints without limits are sampled up to this value.
 _LARGEST = 1e3  # [rad or m]
-# A warning names this many pairs. The log's details name all of them.
+# A warning names at most this many pairs. The log at a lower level names all of them.
 _NAMED = 6
 
 
 def select_self_pairs(
     model: pin.Model, geometry: pin.GeometryModel, srdf: SrdfFile | None, samples: FloatArray, robot: str
 ) -> None:
-    """Add to `geometry` the pairs of the robot's own bodies that are worth checking; the log says what is not.
+    """Add the self-collision pairs to `geometry`, and log the pairs that are not checked.
 
-    Pairs that the SRDF disables go, where it disables none those of adjacent links. Of the rest, those in contact in
-    more than 95 % of the `samples: (S, nq)` go: no configuration could be free otherwise.
+    Pairs that the SRDF disables are dropped; if it disables none, pairs of adjacent links. Of the rest, pairs in
+    contact in more than 95 % of the `samples: (S, nq)` are dropped, since no configuration could be free otherwise.
     """
     geometry.addAllCollisionPairs()
     links = [model.frames[part.parentFrame].name for part in geometry.geometryObjects]
@@ -144,13 +144,13 @@ def select_self_pairs(
 def sample_configurations(
     model: pin.Model, count: int = _SAMPLES, mimics: Mapping[str, Mimic] | None = None
 ) -> FloatArray:
-    """Return configurations (`count`, nq) over the joint ranges, mimics where they belong; always the same ones."""
+    """Return deterministic random configurations (`count`, nq) within the joint ranges; mimic joints are consistent."""
     rng = np.random.default_rng(0)
     velocities = rng.uniform(-np.pi, np.pi, (count, model.nv))
     neutral = pin.neutral(model)
     rows = np.array([pin.integrate(model, neutral, v) for v in velocities])
     for joint in list(model.joints)[1:]:
-        # The first joint is the fixed base, which claims a coordinate that it does not have.
+        # The first joint is the fixed base, which reports a coordinate that does not exist.
         if joint.nq == 1:
             ends = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
             low, high = np.clip(np.nan_to_num(ends, posinf=np.pi, neginf=-np.pi), -_LARGEST, _LARGEST)
@@ -166,7 +166,7 @@ def sample_configurations(
 
 
 def _adjacent(model: pin.Model, geometry: pin.GeometryModel, pair: pin.CollisionPair, carriers: Container[int]) -> bool:
-    """Return whether a single joint, and no third body, is between the two links of a pair."""
+    """Return whether the two links of a pair are separated by a single joint and no third body."""
     a, b = (geometry.geometryObjects[k] for k in (pair.first, pair.second))
     below, above = (a, b) if model.parents[a.parentJoint] == b.parentJoint else (b, a)
     if model.parents[below.parentJoint] != above.parentJoint:
@@ -178,7 +178,7 @@ def _adjacent(model: pin.Model, geometry: pin.GeometryModel, pair: pin.Collision
 
 
 def adjacent_pairs(model: pin.Model, geometry: pin.GeometryModel) -> list[pin.CollisionPair]:
-    """Return the pairs of `geometry` whose links follow each other, a single joint between them."""
+    """Return the pairs of `geometry` whose links are separated by a single joint."""
     carriers = {part.parentFrame for part in geometry.geometryObjects}
     return [pair for pair in _pairs(geometry) if _adjacent(model, geometry, pair, carriers)]
 
@@ -187,7 +187,7 @@ def always_in_contact(model: pin.Model, geometry: pin.GeometryModel, samples: Fl
     """Return the pairs in contact in more than 95 % of the samples (S, nq)."""
     pairs = _pairs(geometry)
     data, contacts, free = model.createData(), pin.GeometryData(geometry), dict.fromkeys(range(len(pairs)), 0)
-    # Without contacts coal misses one in ten overlaps of cylinders; without the margin, bodies that lie flush.
+    # Without contacts, coal misses one in ten overlaps of cylinders. Without the margin, it misses flush bodies.
     for request in contacts.collisionRequests:
         request.enable_contact, request.security_margin = True, DISTANCE_ERROR
     for q in samples:
@@ -203,18 +203,18 @@ def always_in_contact(model: pin.Model, geometry: pin.GeometryModel, samples: Fl
 
 
 def drop_fixed_pairs(geometry: pin.GeometryModel) -> None:
-    """Drop the pairs of bodies that do not move against each other any more, as joints between them are locked."""
+    """Drop the pairs of bodies that do not move relative to each other, because the joints between them are locked."""
     joints = [part.parentJoint for part in geometry.geometryObjects]
     _drop(geometry, [pair for pair in _pairs(geometry) if joints[pair.first] == joints[pair.second]])
 
 
 def _pairs(geometry: pin.GeometryModel) -> list[pin.CollisionPair]:
-    """Return copies of the pairs: an element of Pinocchio's vector changes when others are removed."""
+    """Return copies of the pairs, because elements of Pinocchio's vector change when others are removed."""
     return [pin.CollisionPair(pair.first, pair.second) for pair in geometry.collisionPairs]
 
 
 def _drop(geometry: pin.GeometryModel, pairs: list[pin.CollisionPair]) -> list[str]:
-    """Remove pairs of `geometry`; return their names."""
+    """Remove pairs from `geometry` and return their names."""
     names = [
         f"{geometry.geometryObjects[pair.first].name}–{geometry.geometryObjects[pair.second].name}" for pair in pairs
     ]

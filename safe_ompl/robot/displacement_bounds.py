@@ -1,9 +1,9 @@
-"""Displacement radii: bounds of how far bodies and key points move when joints do, proven for every configuration.
+"""Motion bounds of bodies and key points, proven for all configurations.
 
-A set of points that turns about an axis stays inside the cylinder around that axis that encloses it. Going from
-a link towards the base, the cylinder about one joint's axis is enclosed by one about the next joint's axis; its
-radius is the displacement radius R̄ of the link for that joint: no point of the link moves more than
-R̄·|Δ| when the joint turns by Δ, whatever the configuration (the constant radii of certified motions).
+A set of points that rotates about an axis stays inside a cylinder around this axis. From a link towards the base, the
+cylinder around the axis of one joint is enclosed by a cylinder around the axis of the next joint. The radius of this
+cylinder is the displacement radius R̄ of the link for the joint: no point of the link moves more than R̄·|Δ| when the
+joint moves by Δ, at any configuration.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from safe_ompl.geometry import ConvexBodies, Hull, bounding_hull, turn_onto
 if TYPE_CHECKING:
     from safe_ompl.robot.forward_kinematics import ForwardKinematics
 
-# Rates are sampled at these points of Halton's sequence. They are the same on any machine, and few enough.
+# Indices of the points of Halton's sequence at which rates are sampled. They are deterministic.
 _RATE_SAMPLES = range(1, 101, 4)
 _UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReachCylinder:
-    """All points within `radius` of an axis through `center`, at most `half_length` along it [m]."""
+    """A cylinder: all points within `radius` of the axis through `center`, and within `half_length` along it [m]."""
 
     center: FloatArray
     axis: FloatArray
@@ -41,21 +41,22 @@ class ReachCylinder:
 
     @classmethod
     def around(cls, hull: Hull, axis: FloatArray) -> ReachCylinder:
-        """Return the smallest one about the line through the origin along `axis` that holds `hull`."""
+        """Return the smallest cylinder around the line through the origin along `axis` that contains `hull`."""
         along = hull.points @ axis
         radial = np.linalg.norm(hull.points - along[:, None] * axis, axis=1)
         low, high = float(along.min()) - hull.radius, float(along.max()) + hull.radius
         return cls((low + high) / 2 * axis, axis, float(radial.max()) + hull.radius, (high - low) / 2)
 
     def moved(self, placement: pin.SE3) -> ReachCylinder:
-        """Return the cylinder in the frame that `placement` maps to."""
+        """Return the cylinder transformed by `placement`."""
         center = placement.rotation @ self.center + placement.translation
         return ReachCylinder(center, placement.rotation @ self.axis, self.radius, self.half_length)
 
     def enclosed_about(self, axis: FloatArray) -> ReachCylinder:
-        """Return a cylinder about the line through the origin along `axis` that holds this one.
+        """Return a cylinder around the line through the origin along `axis` that contains this cylinder.
 
-        Seen along `axis` an end disc is an ellipse; with w one of its points, ‖c + w‖² ≤ ‖c‖² + 2·max c·w + r².
+        Projected along `axis`, an end disc is an ellipse about c. For w from c to a point of the ellipse,
+        ‖c + w‖² ≤ ‖c‖² + 2·max c·w + r².
         """
         slope = min(max(float(self.axis @ axis), -1.0), 1.0)
         radius, reach = 0.0, self.half_length * abs(slope) + self.radius * math.sqrt(1 - slope**2)
@@ -68,13 +69,13 @@ class ReachCylinder:
         return ReachCylinder((self.center @ axis) * axis, axis, radius, float(reach))
 
     def stretched(self, low: float, high: float) -> ReachCylinder:
-        """Return what the cylinder sweeps when it slides along its axis by `low` … `high` [m]."""
+        """Return the swept cylinder when it slides along its axis by `low` to `high` [m]."""
         center = self.center + (low + high) / 2 * self.axis
         return ReachCylinder(center, self.axis, self.radius, self.half_length + (high - low) / 2)
 
     @property
     def body(self) -> pin.GeometryObject:
-        """The cylinder as a body that the world carries."""
+        """The cylinder as a body fixed to the world."""
         place = pin.SE3(turn_onto(_UP, self.axis), self.center)
         return pin.GeometryObject("", 0, place, coal.Cylinder(self.radius, 2 * self.half_length))
 
@@ -86,16 +87,16 @@ def _tables(cylinders: Sequence[ReachCylinder]) -> tuple[FloatArray, FloatArray,
     return vectors[:, 0].copy(), vectors[:, 1].copy(), lengths[:, 0].copy(), lengths[:, 1].copy()
 
 
-# Joints, counted from 0, and where a body can be in the frame of each.
+# Pairs of a joint (0-based) and a cylinder in its frame that contains a body at all configurations.
 Regions = list[tuple[int, ReachCylinder]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointChain:
-    """The n joints of a robot; joint i is Pinocchio's joint i + 1, and parents have Pinocchio's numbers.
+    """The n joints of a robot. Joint i is Pinocchio's joint i + 1; `parents` are Pinocchio's numbers.
 
-    `placements` are the frames at zero in those of the parents, `axes: (n, 3)` in the joints' own frames. Of the limits
-    only those of prismatic joints are used.
+    `placements` are the joint frames at zero in the frames of their parents, `axes: (n, 3)` unit vectors in the joint
+    frames. Only the limits of prismatic joints are used.
     """
 
     parents: list[int]
@@ -107,7 +108,7 @@ class JointChain:
 
     @classmethod
     def from_model(cls, model: pin.Model, prismatic: BoolArray, lower: FloatArray, upper: FloatArray) -> JointChain:
-        """Read the joints of `model`; the rest as above."""
+        """Build the chain from the joints of `model`; the other arguments are as in the class."""
         axes = np.zeros((len(prismatic), 3))
         neutral = pin.neutral(model)
         for i, joint in enumerate(list(model.joints)[1:]):
@@ -128,28 +129,28 @@ class JointChain:
         return path
 
     def radii(self, regions: Regions) -> FloatArray:
-        """Return the displacement radii R̄ (n,) of a body in its `regions`."""
+        """Return the displacement radii R̄ (n,) of a body with these `regions`."""
         radii = np.zeros(len(self.parents))
         for i, region in regions:
             radii[i] = 1.0 if self.prismatic[i] else region.radius
         return radii
 
     def reach(self, regions: Regions) -> ReachCylinder:
-        """Return a cylinder in the world that a body that moves never leaves, at any configuration within limits."""
+        """Return a cylinder in the world that contains a moving body at all configurations within the limits."""
         i, region = regions[-1]
         return region.moved(self.placements[i])
 
     def point_reach(self, joint: int, point: FloatArray, axis: FloatArray = _UP) -> ReachCylinder:
-        """Return a cylinder in the world that a point (3,) [m] in the frame of a joint never leaves."""
+        """Return a cylinder in the world that always contains a point (3,) [m] given in the frame of a joint."""
         if joint == 0:
             return ReachCylinder(point, axis, 0.0, 0.0)
         return self.reach(self.regions(joint, Hull(point[None], 0.0)))
 
     def axis_distances(self, bodies: ConvexBodies) -> FloatArray:
-        """Return how far G bodies that stand still in the world are from each joint's axis [m], at most, (G, n).
+        """Return upper bounds (G, n) on the distance of G fixed bodies from each joint's axis [m].
 
-        Seen from a link that joint i turns by Δ it is the body that turns, so that no point of it moves more than this
-        distance times |Δ|: another bound of how far they approach each other. It is infinite for prismatic joints.
+        In the frame of a link that joint i rotates by Δ, the fixed body rotates, and none of its points moves more than
+        this distance times |Δ|. This is a second motion bound for the pair. It is infinite for prismatic joints.
         """
         distances = bodies.table.farthest_from_axes(*self._axis_reaches)
         distances[:, self.prismatic] = np.inf
@@ -157,16 +158,16 @@ class JointChain:
 
     @cached_property
     def _axis_reaches(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Cylinders in the world that hold the n joints' origins, about their axes."""
+        """Cylinders in the world that always contain the origins of the n joints, around the joint axes."""
         joints = zip(self.parents, self.placements, self.axes, strict=True)
         reaches = [self.point_reach(k, place.translation, place.rotation @ axis) for k, place, axis in joints]
         tables = _tables(reaches)
-        # An axis that no joint moves extends without end along the axis of its center.
+        # The axis of a joint on the base does not move, so its cylinder is the whole line.
         tables[3][np.array(self.parents) == 0] = np.inf
         return tables
 
     def regions(self, joint: int, body: Hull) -> Regions:
-        """Return for each joint that moves a body, the nearest first, where it can be, in that joint's frame."""
+        """Return the joints that move a body, the nearest first, each with the body's cylinder in the joint frame."""
         regions: Regions = []
         for i in self.path_to_root(joint):
             axis = self.axes[i]
@@ -182,10 +183,10 @@ class JointChain:
 
 
 class DisplacementBounds:
-    """Displacement radii of a robot's bodies and key points, and how far these can be from anything.
+    """Motion bounds of a robot's bodies and key points, and cylinders that they never leave.
 
-    Radii are known for each of the m joints of Pinocchio's model (`joint_…`), and from these for the n planned ones.
-    Where the bodies of a pair are moved by a joint and by one that mimics it, only the former say how they approach.
+    Radii are computed for the m joints of Pinocchio's model (`joint_…`), and from these for the n planned joints. If a
+    joint and its mimic joint move the two bodies of a pair, only the former bound how the bodies approach.
     """
 
     def __init__(self, kinematics: ForwardKinematics) -> None:
@@ -211,18 +212,18 @@ class DisplacementBounds:
 
     @cached_property
     def body_reaches(self) -> dict[int, ReachCylinder]:
-        """For each body that moves, by its index, a cylinder in the world that it never leaves."""
+        """By index of each moving body, a cylinder in the world that it never leaves."""
         return {k: self._chain.reach(regions) for k, regions in enumerate(self._regions) if regions}
 
     @cached_property
     def reach_bodies(self) -> tuple[list[pin.GeometryObject], ConvexBodies]:
-        """The cylinders of `body_reaches`, in its order, as bodies."""
+        """The cylinders of `body_reaches` as bodies, in the same order."""
         bodies = [cylinder.body for cylinder in self.body_reaches.values()]
         return bodies, ConvexBodies.of(bodies)
 
     @cached_property
     def body_hulls(self) -> list[Hull]:
-        """A hull about each body, in the frame of the joint that carries it."""
+        """A bounding hull of each body, in the frame of its joint."""
         return [bounding_hull(part.geometry).moved(part.placement) for part in self._bodies]
 
     @cached_property
@@ -232,7 +233,7 @@ class DisplacementBounds:
 
     @cached_property
     def convex_bodies(self) -> ConvexBodies:
-        """The bodies of `collision_model`, in its order, as convex ones that hold them."""
+        """Convex bodies that contain the bodies of `collision_model`, in the same order."""
         return ConvexBodies.of(self._bodies)
 
     @cached_property
@@ -248,7 +249,7 @@ class DisplacementBounds:
         return _frozen(np.array(radii))
 
     def keypoint_reaches(self, points: ArrayLike) -> FloatArray:
-        """Return how far (K, M) [m] each key point can ever be from fixed `points: (M, 3)`, at most; proven."""
+        """Return proven upper bounds (K, M) [m] on the distances of key points from fixed `points: (M, 3)` [m]."""
         centers, axes, radii, half_lengths = _tables([self._chain.point_reach(*point) for point in self._key_points])
         arms = finite_array(points, (None, 3), "points")[:, None] - centers
         along = np.einsum("kmx,mx->km", arms, axes)
@@ -262,7 +263,7 @@ class DisplacementBounds:
         """
         rotation, origins, axes = (f[0] for f in self._robot.joint_frames(self._robot.configuration(q)[None]))
         joints, corners, pads, support = self.body_corners
-        # These bodies are fixed to the base, and no joint moves them.
+        # No joint moves these bodies.
         fixed = (joints == 0)[:, None, None]
         carried = np.einsum("gij,gpj->gpi", rotation[joints - 1], corners) + origins[joints - 1][:, None]
         world = np.where(fixed, corners, carried)
@@ -274,14 +275,14 @@ class DisplacementBounds:
 
     @cached_property
     def arm_rates(self) -> FloatArray:
-        """How far (n,) the joints move the arm at most, on an average over configurations [m/rad]."""
+        """Maximal motion (n,) of the arm per joint motion, averaged over configurations [m/rad]."""
         sides = self._robot.upper - self._robot.lower
         spread = [self._robot.lower + sides * halton_point(k, self._robot.n) for k in _RATE_SAMPLES]
         return _frozen(np.mean([self.displacement_radii_at(q).max(axis=0) for q in spread], axis=0))
 
     @cached_property
     def body_corners(self) -> tuple[IntArray, FloatArray, FloatArray, BoolArray]:
-        """Pinocchio's joint of each body (G,), corners in its frame (G, 8, 3), what is added, which joints move it."""
+        """Joints of the bodies (G,), corners (G, 8, 3) in their frames, radii (G,) around these, supporting joints."""
         parts = self._bodies
         hulls = [bounding_hull(part.geometry, coarse=True).moved(part.placement) for part in parts]
         corners = np.array([np.resize(hull.points, (8, 3)) for hull in hulls]).reshape(-1, 8, 3)
@@ -291,7 +292,7 @@ class DisplacementBounds:
 
     @cached_property
     def _key_points(self) -> list[tuple[int, FloatArray]]:
-        """Pinocchio's joint that carries each key point, and its place there [m]."""
+        """Pinocchio's joint that carries each key point, and its offset (3,) in the joint's frame [m]."""
         skeleton = self._robot.skeleton
         return list(zip(skeleton.joints.tolist(), skeleton.offsets, strict=True))
 

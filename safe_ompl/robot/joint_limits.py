@@ -1,7 +1,7 @@
-"""MoveIt's `joint_limits.yaml`: positions, velocities, accelerations and jerks of joints, beside those of the URDF.
+"""Reading MoveIt's `joint_limits.yaml`: limits of positions, velocities, accelerations and jerks of joints.
 
-MoveIt lets the file override the URDF in either direction. Here the narrower of two limits of a position or a velocity
-applies, since the URDF tells what the hardware can do, and a warning names limits of the file that are wider.
+In MoveIt the file overrides the URDF in either direction. Here the narrower limit of a position or velocity applies,
+since the URDF describes the hardware. A warning names limits of the file that are wider.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ _log = logging.getLogger(__name__)
 _RATES = ("velocity", "acceleration", "jerk")
 _RANGES = {"position": ("min_position", "max_position"), "soft": ("soft_lower_limit", "soft_upper_limit")}
 _LIMITS = _RANGES | {kind: (f"max_{kind}",) for kind in (*_RATES, "deceleration", "effort")}
-# Efforts and gains are read, but not used: controllers share the file.
+# Efforts and gains are accepted but not used, because controllers share the file.
 _FLAGS = (*(f"has_{kind}_limits" for kind in _LIMITS), "angle_wraparound")
 _LIMIT_KEYS = (*_FLAGS, *(name for names in _LIMITS.values() for name in names), "k_position", "k_velocity")
 
 
 def read_joint(name: str, value: Any) -> dict[str, float]:
-    """Return the limits of one joint that apply [rad or m, s]: `min_position`, `max_position`, `max_velocity`, ….
+    """Read the limits of one joint that apply [rad or m, s]: `min_position`, `max_position`, `max_velocity`, ….
 
-    A limit applies unless its `has_…_limits` is false. Soft limits narrow the range, and a deceleration, which may have
-    either sign, the acceleration. Raises InputError if a range is empty, a rate is absurd, or a limit is announced and
-    not given.
+    A limit applies unless its `has_…_limits` is false. Soft limits narrow the range. A deceleration of either sign
+    narrows the acceleration. Raises InputError if a range is empty, a rate is out of range, or a `has_…_limits` is true
+    and the limit is missing.
     """
     data = document.mapping(name, value, _LIMIT_KEYS)
     with document.within(name):
@@ -70,10 +70,10 @@ def read_joint(name: str, value: Any) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class JointLimitsFile(Section):
-    """The limits in a `joint_limits.yaml` that apply, by joint, and the file that they were read from.
+    """The limits in a `joint_limits.yaml` that apply, by joint, with the file that they were read from.
 
-    The scaling factors are what MoveIt multiplies limits with in requests that name no factor. They are no limits of
-    the robot: what a motion is checked against are the limits themselves.
+    MoveIt multiplies limits with the scaling factors in requests without a factor. Motions are checked against the
+    limits without these factors.
     """
 
     joint_limits: Mapping[str, Mapping[str, float]] = key(document.by_name, read=read_joint)
@@ -83,7 +83,7 @@ class JointLimitsFile(Section):
 
     @classmethod
     def read(cls, name: str, value: Any) -> JointLimitsFile:
-        """Return the limits of a file, of a mapping with its content, or those given; an InputError says what fails."""
+        """Read the limits from a file name or a mapping; return an instance unchanged. Raises InputError."""
         if isinstance(value, cls):
             return value
         if isinstance(value, Mapping):
@@ -91,7 +91,7 @@ class JointLimitsFile(Section):
                 return cls.from_mapping(value)
         path, outer = document.file(name, value, (".yaml", ".yml")), ""
         with document.within(name, ": "), files.reading(path) as content:
-            # Files of parameters begin with levels of their own, such as `/**`, `ros__parameters`.
+            # ROS parameter files begin with additional levels, such as `/**` and `ros__parameters`.
             while "joint_limits" not in content and [dict] == [type(inner) for inner in content.values()]:
                 ((word, content),) = content.items()
                 outer += f"{word}."
@@ -104,18 +104,18 @@ class JointLimitsFile(Section):
 
     @property
     def content(self) -> dict[str, Any]:
-        """What the file says, as plain data."""
+        """The content of the file as plain data."""
         return super().to_mapping()
 
     def rates(self, kind: str) -> dict[str, float]:
-        """Return the velocities, accelerations or jerks by joint, of those that have any."""
+        """Return the velocity, acceleration or jerk limits by joint, for joints that have one."""
         return {joint: given[f"max_{kind}"] for joint, given in self.joint_limits.items() if f"max_{kind}" in given}
 
     def narrow(self, full: pin.Model, source: str) -> None:
-        """Narrow positions and velocities of a model; warn of wider ones, and of joints that the robot has not.
+        """Narrow the position and velocity limits of a model, in place. Warn of wider limits and unknown joints.
 
-        Raises UnknownNameError if the robot has none of the joints, and InputError if a range has no value in common
-        with that of the URDF, or is of a continuous joint, which MoveIt gives no range either.
+        Raises UnknownNameError if the robot has none of the joints; InputError if a range does not intersect the range
+        of the URDF, or belongs to a continuous joint, which has no range in MoveIt either.
         """
         where, known, wider = str(self.file or "joint_limits"), list(full.names)[1:], []
         unknown = [joint for joint in self.joint_limits if joint not in known]
@@ -130,13 +130,13 @@ class JointLimitsFile(Section):
             elif not {"min_position", "max_position"}.isdisjoint(given):
                 raise InputError("must not have position limits, as it is continuous", f"{where}: {name}")
             for word, table, row, narrower in (entry for entry in tables if entry[0] in given):
-                # URDFs that do not limit a velocity say 0, or infinity.
+                # A velocity limit of 0 or infinity in a URDF means no limit.
                 if isfinite(table[row]) and (word != "max_velocity" or table[row] > 0.0):
                     wider += [f"{name}.{word}"] if narrower(given[word], table[row]) != given[word] else []
                     table[row] = narrower(given[word], table[row])
                 else:
                     table[row] = given[word]
-            # Pinocchio 4.1 reads a positive number for this one, too, which must not be above the upper limit.
+            # Pinocchio 4.1 stores a positive lower velocity limit, too. It must not be above the upper limit.
             full.lowerVelocityLimit[joint.idx_v] = -full.velocityLimit[joint.idx_v]
             if joint.nq == 1 and not full.lowerPositionLimit[joint.idx_q] <= full.upperPositionLimit[joint.idx_q]:
                 raise InputError(f"must overlap the position limits in {source}", f"{where}: {name}")

@@ -1,4 +1,4 @@
-"""The bridge between OMPL states and NumPy arrays, for spaces of joint values."""
+"""Conversion between OMPL states and NumPy arrays, for spaces of joint values."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _new_capsule.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
 
 
 def joint_space(robot: Robot) -> Any:
-    """Return the OMPL state space of a robot's joints, in their order: an SO(2) for each that is continuous."""
+    """Return the OMPL state space of a robot's joints in their order, with an SO(2) for each continuous joint."""
     if not robot.continuous.any():
         return _real_vector(robot.lower, robot.upper)
     space = ob.CompoundStateSpace()
@@ -46,33 +46,33 @@ def _real_vector(lower: FloatArray, upper: FloatArray) -> Any:
     return space
 
 
-# Kinds of coordinates: within bounds, angles that wrap, and numbers of unit quaternions, four in a row.
+# Kinds of coordinates: bounded numbers, angles that wrap, and the four components of unit quaternions.
 _LINE, _ANGLE, _QUATERNION = "line", "angle", "quaternion"
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
-# By which the norm of a unit quaternion may be off by rounding. OMPL allows 1e-9.
+# Tolerance of the norm of a unit quaternion. OMPL allows 1e-9.
 _UNIT = 1e-14
 
-# Kinds of spaces whose buffer is known to work.
+# Kinds of spaces for which reading and writing through a buffer was tested successfully.
 _WORKING = set[tuple[Any, ...]]()
-# States that nobody uses, by the structure of their space. OMPL's bindings never free the coordinates of a state, so
-# that memory would grow with each new one.
+# Unused states for reuse, by the structure of their space. OMPL's bindings never free the coordinates of a state, so
+# that each new state would leak memory.
 _UNUSED = defaultdict[tuple[Any, ...], list[Any]](list)
-# Without this the bindings would call the states leaked.
+# Without this, the bindings would report these states as leaked.
 atexit.register(_UNUSED.clear)
 
 
 class StateBridge:
-    """Moves configurations between OMPL states and arrays `q: (n,)`; an InputError if the space is of another kind.
+    """Converts configurations between OMPL states and arrays `q: (n,)`. Raises InputError for an unsupported space.
 
-    It knows real vectors, SO(2), whose angles wrap at ±π, SO(3), whose states are unit quaternions x, y, z, w, and
-    compounds of these, such as SE(3). `circular: (n,)` says which coordinates wrap, `rotations: (r,)` which are the
-    first ones of quaternions; `lower` and `upper: (n,)` are their bounds. OMPL's `satisfiesBounds` takes finite
-    coordinates within `held: (2, n)`; `extent` is the length of the diagonal of the bounds, where a rotation counts as
-    one side of length π.
+    Supported are real vectors, SO(2), whose angles wrap at ±π, SO(3), whose states are unit quaternions x, y, z, w, and
+    compounds of these, such as SE(3). `circular: (n,)` marks the coordinates that wrap. `rotations: (r,)` are the
+    indices of the first components of quaternions. `lower` and `upper: (n,)` are the bounds. OMPL's `satisfiesBounds`
+    accepts finite coordinates within `held: (2, n)`. `extent` is the length of the diagonal of the bounds, in which a
+    rotation counts as one side of length π.
 
-    Motions are those of OMPL's spaces: straight, the short way round where coordinates wrap, and for rotations along
-    the shortest arc of the unit sphere. The difference of two quaternions is a tangent (4,) at the first, as long as
-    the arc, which is OMPL's distance in SO(3).
+    Motions are those of OMPL's spaces: straight lines, the shorter direction for coordinates that wrap, and the
+    shortest arc of the unit sphere for rotations. The difference of two quaternions is a tangent vector (4,) at the
+    first, with the length of the arc, which is OMPL's distance in SO(3).
     """
 
     def __init__(self, space: Any) -> None:
@@ -91,8 +91,8 @@ class StateBridge:
         lengths = [*self._sides[np.array(kinds) != _QUATERNION], *(np.pi for _ in self._turning)]
         self.extent = float(np.linalg.norm(lengths))
         self._wraps = bool(self.circular.any()) or len(self.rotations) > 0
-        # OMPL's serialization of such a space is its coordinates in a row: reading and writing through one buffer costs
-        # a tenth of going through Python lists. But the bindings promise nothing of the kind.
+        # OMPL serializes such a state as its coordinates in a row. Reading and writing through one buffer is ten times
+        # as fast as through Python lists. The bindings do not guarantee this format, so it is tested.
         if space.getSerializationLength() != 8 * self.n:
             raise InputError(f"state space {space.getName()!r} is not made of real vectors, SO(2) and SO(3) alone")
         self._memory = PerThread(partial(_buffer, self.n))
@@ -103,11 +103,11 @@ class StateBridge:
 
     @property
     def is_current(self) -> bool:
-        """Whether the space still has the bounds that it had when this bridge was made."""
+        """Whether the space still has the same bounds as at the construction of this bridge."""
         return self.coordinates() == self._given
 
     def coordinates(self) -> tuple[list[str], list[float], list[float]]:
-        """Return of what kinds the coordinates of the space are, and the bounds that it has now."""
+        """Return the kinds of the coordinates of the space, and its current lower and upper bounds."""
         return _coordinates_of(self.space)
 
     def read(self, state: Any) -> FloatArray:
@@ -127,7 +127,7 @@ class StateBridge:
         self.space.deserialize(state, capsule)
 
     def _buffer_works(self) -> bool:
-        """Return whether what is written through the buffer is what OMPL's own coordinates say, and comes back."""
+        """Return whether values written through the buffer equal OMPL's own coordinates, and are read back."""
         state, values = self.space.allocState(), np.linspace(-1.0, 1.0, self.n)
         buffer, capsule = self._memory.own
         try:
@@ -140,22 +140,22 @@ class StateBridge:
         return np.array_equal(buffer, values) and values.tolist() == list(_coordinates(self.space, state))
 
     def wrapped(self, q: FloatArray) -> FloatArray:
-        """Return `q: (…, n)` with the coordinates that wrap brought into [−π, π), and quaternions to the norm 1."""
+        """Return `q: (…, n)` with the coordinates that wrap in [−π, π), and with unit quaternions."""
         if not self._wraps:
             return q
         wrapped = np.where(self.circular, (q + np.pi) % (2 * np.pi) - np.pi, q)
         for part in self._turning:
             norm = np.linalg.norm(wrapped[..., part], axis=-1, keepdims=True)
-            # What has this norm already stays as it is to the bit. Without a length there is no rotation.
+            # Unit quaternions are not changed by a single bit. A zero quaternion becomes the identity.
             unit = np.where(norm > 0.0, wrapped[..., part] / np.where(norm > 0.0, norm, 1.0), _IDENTITY)
             wrapped[..., part] = np.where(np.abs(norm - 1.0) < _UNIT, wrapped[..., part], unit)
         return wrapped
 
     def way_points(self, path: Any) -> FloatArray:
-        """Return the way points (N, n) of a `PathGeometric`, between which the space interpolates on straight lines.
+        """Return the way points (N, n) of a `PathGeometric`, between which the space interpolates straight lines.
 
-        Coordinates that wrap count turns: no step is longer than half a turn. Raises InputError if its states are of
-        another kind than those of the space, which could not be read.
+        Coordinates that wrap are unwrapped: no step is longer than half a turn. Raises InputError if the states of the
+        path have another type than those of the space.
         """
         one, kinds = OwnState(self), {type(path.getState(i)) for i in range(path.getStateCount())}
         own = type(one.state)
@@ -172,15 +172,16 @@ class StateBridge:
         return points
 
     def inside(self, q: FloatArray) -> FloatArray:
-        """Return the configuration within bounds that is nearest to `q: (…, n)`; coordinates that wrap are wrapped."""
-        # In a third of the time of np.clip.
+        """Return `q: (…, n)` clipped to the bounds; coordinates that wrap are wrapped."""
+        # This is three times as fast as np.clip.
         clipped: FloatArray = np.minimum(np.maximum(q, self.lower), self.upper)
         return np.where(self._bounded, clipped, self.wrapped(q)) if self._wraps else clipped
 
     def between_bounds(self, shares: FloatArray) -> FloatArray:
-        """Return the configurations at `shares: (…, n)` in [0, 1] of the way from the lower to the upper bounds.
+        """Map `shares: (…, n)` in [0, 1] linearly to configurations between the lower and the upper bounds.
 
-        Quaternions are made of three shares of four, so that uniform shares make uniform rotations (Shoemake 1992).
+        A quaternion is computed from three of its four shares, so that uniform shares give uniform rotations
+        (Shoemake 1992).
         """
         q = self.lower + self._sides * shares
         for part in self._turning:
@@ -192,7 +193,7 @@ class StateBridge:
         return q
 
     def difference(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the motion from `start` to `end` (matching shapes (…, n)), the short way round where it wraps."""
+        """Return the displacement from `start` to `end`, both (…, n), in the shorter direction if coordinates wrap."""
         delta = end - start
         if self._wraps:
             delta = np.where(self.circular, delta - 2 * np.pi * np.round(delta / (2 * np.pi)), delta)
@@ -201,7 +202,7 @@ class StateBridge:
         return delta
 
     def moved(self, q: FloatArray, motion: FloatArray) -> FloatArray:
-        """Return where motions (…, n), such as shares of a `difference`, lead from `q: (…, n)`; angles count turns."""
+        """Return the ends of motions (…, n), such as multiples of a `difference`, from `q: (…, n)`, not wrapped."""
         end = q + motion
         for part in self._turning:
             length = np.linalg.norm(motion[..., part], axis=-1, keepdims=True)
@@ -211,9 +212,9 @@ class StateBridge:
 
 
 def _arc(start: FloatArray, end: FloatArray) -> FloatArray:
-    """Return the shortest motions (…, 4) from unit quaternions to others (…, 4): tangents as long as the arcs."""
+    """Return the tangent vectors (…, 4) of the shortest arcs between unit quaternions (…, 4), as long as the arcs."""
     cosine = (start * end).sum(axis=-1, keepdims=True)
-    # A quaternion and its negative are one rotation.
+    # A quaternion and its negative are the same rotation.
     across = np.where(cosine < 0.0, -end, end) - np.abs(cosine) * start
     sine = np.linalg.norm(across, axis=-1, keepdims=True)
     scale = np.arctan2(sine, np.abs(cosine)) / np.where(sine > 0.0, sine, 1.0)
@@ -221,13 +222,13 @@ def _arc(start: FloatArray, end: FloatArray) -> FloatArray:
 
 
 def _buffer(n: int) -> tuple[FloatArray, Any]:
-    """Return n numbers, and the capsule by which OMPL's bindings read and write them."""
+    """Return a buffer (n,), and the capsule through which OMPL's bindings read and write this buffer."""
     buffer: FloatArray = np.zeros(n)
     return buffer, _new_capsule(buffer.ctypes.data, b"nb_handle", None)
 
 
 def _coordinates(space: Any, state: Any) -> Iterator[float]:
-    """Yield the coordinates of a state by OMPL's own indexing, part by part: slow, and sure."""
+    """Yield the coordinates of a state through OMPL's own accessors. This is slow, and used to test the buffer."""
     # States of SE2StateSpace have named coordinates instead of parts.
     if isinstance(space, ob.SE2StateSpace):
         yield from (state.getX(), state.getY(), state.getYaw())
@@ -246,7 +247,7 @@ def _coordinates(space: Any, state: Any) -> Iterator[float]:
 
 
 class OwnState:
-    """A state of a space. Once nobody holds the state it is used again."""
+    """A state of a space. The state is reused when no other reference to it is left."""
 
     def __init__(self, bridge: StateBridge) -> None:
         unused = self._unused = _UNUSED[_structure(bridge.space)]
@@ -256,7 +257,7 @@ class OwnState:
             self.state = bridge.space.allocState()
 
     def __del__(self) -> None:
-        # One reference is the argument's.
+        # One of the two references is the argument of getrefcount.
         if sys.getrefcount(self.state) == 2:
             self._unused.append(self.state)
 
@@ -273,12 +274,12 @@ class ScratchState(threading.local):
         return self._own.state
 
     def set(self, q: FloatArray) -> Any:
-        """Write `q: (n,)` and return the state; it holds until the next call of this thread."""
+        """Write `q: (n,)` and return the state, which is valid until the next call in this thread."""
         self._bridge.write(q, self.state)
         return self.state
 
 
-# Their motions are curves and their distances those of vehicles, not of the coordinates.
+# Motions in these spaces are curves of vehicles, and distances are not those of the coordinates.
 _CURVED = tuple(
     getattr(ob, name)
     for name in (
@@ -290,7 +291,7 @@ _CURVED = tuple(
 
 
 def _named(space: Any) -> str:
-    """Return a space's name and type, for messages; the bindings cannot give the names of constrained spaces."""
+    """Return name and type of a space for messages; the bindings cannot return the names of constrained spaces."""
     try:
         return f"{space.getName()!r} ({type(space).__name__})"
     except TypeError:
@@ -298,14 +299,14 @@ def _named(space: Any) -> str:
 
 
 def _structure(space: Any) -> tuple[Any, ...]:
-    """Return what tells spaces apart whose states differ in memory."""
+    """Return a key that differs between spaces whose states have different memory layouts."""
     if isinstance(space, ob.CompoundStateSpace):
         return type(space), *(_structure(space.getSubspace(i)) for i in range(space.getSubspaceCount()))
     return type(space), space.getDimension()
 
 
 def _coordinates_of(space: Any) -> tuple[list[str], list[float], list[float]]:
-    """Return of what kinds the coordinates of a space are, and their bounds."""
+    """Return the kinds of the coordinates of a space, and their lower and upper bounds."""
     if isinstance(space, _CURVED):
         raise InputError(
             f"state space {_named(space)}: its motions are curves; only spaces of straight motions can be planned in "

@@ -1,7 +1,7 @@
-"""Reading a URDF: shapes and joints are checked before the parser sees them, and errors name the file.
+"""Reading URDF files. Shapes and joints are checked before Pinocchio's parser reads them; errors name the file.
 
-The parser takes negative radii, zero sizes and zero axes as they come, and where it cannot read one element of a link
-it drops all shapes of the link: what it leaves out would be "proven free".
+The parser accepts negative radii, zero sizes and zero axes. If it cannot read one element of a link, it silently drops
+all shapes of the link, and proofs would not cover these shapes.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from safe_ompl.robot.joints import Mimic
 _log = logging.getLogger(__name__)
 
 _EXPRESSION = re.compile(r"\$[{(][^})]*[})]")
-# The attributes of each shape, and how many positive numbers each holds.
+# The attributes of each shape, with the number of positive values of each.
 _SIZES = {"box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}}
 _MESH = "mesh"
 _MOVING = ("revolute", "continuous", "prismatic", "planar")
 _KINDS = (*_MOVING, "fixed", "floating")
 _LIMITED = ("revolute", "prismatic")
-# The attributes of a joint's tags that hold a number.
+# The attributes of a joint's tags that are numbers.
 _JOINT_NUMBERS = {
     "limit": ("lower", "upper", "effort", "velocity"),
     "dynamics": ("damping", "friction"),
@@ -49,7 +49,7 @@ _MANIFEST = "package.xml"
 
 
 class NamedPackage(NamedTuple):
-    """A package that is called `name`, whatever its folder or its manifest is called."""
+    """A package with an explicit name, independent of the names in its folder and manifest."""
 
     name: str
     folder: Path
@@ -60,11 +60,11 @@ class NamedPackage(NamedTuple):
 
 
 PackageDir: TypeAlias = Path | NamedPackage
-"""A folder that holds packages, or one package by its name."""
+"""A folder that contains packages, or one package with its name."""
 
 
 def read_package_dir(key: str, value: Any) -> PackageDir:
-    """Return a folder that holds packages, or the package that a mapping of its name to its folder describes."""
+    """Read a folder that contains packages, or a mapping of one package name to its folder."""
     if isinstance(value, NamedPackage):
         return value
     if isinstance(value, Mapping):
@@ -76,18 +76,18 @@ def read_package_dir(key: str, value: Any) -> PackageDir:
 
 
 def read_path(key: str, value: Any) -> Path:
-    """Return a path, which is relative to the folder of the document that is read, as an absolute one."""
+    """Return a path as an absolute path; relative paths are relative to the folder of the document being read."""
     if not isinstance(value, (str, Path)):
         raise InputError(f"must be a file name, got {document.described(value)}", key)
     return (document.folder_of_document() / value).resolve()
 
 
 class PackageFolders:
-    """Where the files that a URDF names may be: beside it, in folders that are given, and in packages.
+    """Finds the files that a URDF names: beside the URDF, in given folders, and in packages.
 
-    Packages that are given by name come first. Others are folders with a manifest: in, or below, folders that are
-    given; above the URDF, and beside those above it; and in the folders of ROS_PACKAGE_PATH, and `share` in those of
-    AMENT_PREFIX_PATH.
+    Packages given by name are searched first. Other packages are folders with a manifest: in or below the given
+    folders; above the URDF, and beside these folders; in the folders of ROS_PACKAGE_PATH; and in `share` of the folders
+    of AMENT_PREFIX_PATH.
     """
 
     def __init__(self, urdf: Path, given: Sequence[str | PackageDir]) -> None:
@@ -114,20 +114,20 @@ class PackageFolders:
         if package:
             yield from (folder / file for folder in self.named(package))
         else:
-            # The name is an absolute path, or a path below one of the folders.
+            # The name is an absolute path, or a path relative to one of the folders.
             yield Path(name)
 
     def elsewhere(self, steps: Sequence[str]) -> Iterator[Path]:
-        """Yield where a file may be that was at a path on another machine, where xacro wrote it for `$(find PKG)`.
+        """Yield candidate locations of a file whose absolute path xacro wrote on another machine for `$(find PKG)`.
 
-        One of the folders of the path, `steps`, may be a package, or be in a folder that is given.
+        One of the folders of the path, `steps`, may be a package, or may be in one of the given folders.
         """
         for k, step in enumerate(steps[:-1]):
             yield from (folder.joinpath(*steps[k:]) for folder in self._given)
             yield from (folder.joinpath(*steps[k + 1 :]) for folder in self.named(step))
 
     def named(self, package: str) -> list[Path]:
-        """Return the folders of a package, the nearest first."""
+        """Return the folders of the package with this name, in the order of the search."""
         given = [known.folder for known in self._packages if known.name == package]
         return given + self._by_name.get(package, [])
 
@@ -136,7 +136,7 @@ class PackageFolders:
         found: dict[str, list[Path]] = {}
         for folder in dict.fromkeys(self._places()):
             with suppress(ElementTree.ParseError, OSError):
-                # The folder has no manifest, or a broken one.
+                # A folder without a manifest, or with a broken manifest, is skipped.
                 name = parsed(folder / _MANIFEST).findtext("name", "").strip()
                 found.setdefault(name, []).append(folder)
         return found
@@ -167,14 +167,14 @@ def _folders_in(folder: Path) -> list[Path]:
         with os.scandir(folder) as entries:
             return sorted(Path(entry.path) for entry in entries if entry.is_dir())
     except OSError:
-        # The folder may not be read, so it holds no packages of a robot.
+        # A folder without read permission is treated as empty.
         return []
 
 
 def parsed(path: Path) -> ElementTree.Element:
-    """Return the outermost tag of a URDF, with name spaces as they are written; raise ParseError if it is not XML.
+    """Return the root element of a URDF without resolving name spaces. Raises ParseError if the file is not XML.
 
-    Many URDFs do not declare `drake:` or others, which ElementTree's own parser refuses.
+    Many URDFs do not declare name spaces such as `drake:`, and ElementTree's own parser refuses these files.
     """
     tree, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler = tree.start, tree.end
@@ -187,7 +187,7 @@ def parsed(path: Path) -> ElementTree.Element:
 
 
 def _xacro_evidence(root: ElementTree.Element, kind: str) -> str | None:
-    """Return one of xacro's tags or expressions in a file, or None; elsewhere in a URDF, others have expressions."""
+    """Return a xacro tag or expression in a file, or None. In a URDF, expressions count only in links and joints."""
     for element in root.iter():
         if element.tag.startswith("xacro:"):
             return f"<{element.tag}>"
@@ -200,7 +200,7 @@ def _xacro_evidence(root: ElementTree.Element, kind: str) -> str | None:
 
 
 def _expanded(path: Path, packages: PackageFolders, arguments: Mapping[str, str]) -> ElementTree.Element:
-    """Return the outermost tag of what xacro makes of a file; `packages` are those that `$(find …)` names."""
+    """Expand a file with xacro and return the root element; `packages` resolve `$(find …)`."""
     import xacro
     from xacro import substitution_args
 
@@ -210,18 +210,19 @@ def _expanded(path: Path, packages: PackageFolders, arguments: Mapping[str, str]
             raise InputError(f"package {package!r} not found; give the folder above it as a package dir")
         return str(folder)
 
-    finds, substitution_args._eval_find = substitution_args._eval_find, find  # else it needs ROS
+    # Without this replacement, xacro would need ROS for `$(find …)`.
+    finds, substitution_args._eval_find = substitution_args._eval_find, find
     try:
         return ElementTree.fromstring(xacro.process_file(str(path), mappings=dict(arguments)).toxml())
     except Exception as error:
-        # Files hold expressions of Python, which may raise any exception.
+        # Files contain Python expressions, which may raise any exception.
         raise InputError(f"xacro cannot expand it ({_reason(error)})", str(path)) from None
     finally:
         substitution_args._eval_find = finds
 
 
 def _reason(error: BaseException) -> str:
-    """Return what an error of xacro says, without the class of another error that it passes on."""
+    """Return the message of a xacro error, without the class name of an error that it wraps."""
     about = getattr(error, "exc", None)
     if about is None:
         return " ".join(str(error).split())
@@ -232,7 +233,7 @@ def _reason(error: BaseException) -> str:
 def read_xml(
     path: Path, source: str, packages: PackageFolders, arguments: Mapping[str, str] | None, kind: str
 ) -> tuple[ElementTree.Element, bool]:
-    """Return the outermost tag of a URDF or SRDF, and whether xacro has expanded it."""
+    """Return the root element of a URDF or SRDF, and whether xacro has expanded it."""
     try:
         root = parsed(path)
     except ElementTree.ParseError as error:
@@ -251,7 +252,7 @@ def read_xml(
 
 
 def _check_joints(root: ElementTree.Element, source: str) -> None:
-    """Raise InputError if a joint is of no known kind, lacks limits that it needs, or holds numbers that are none."""
+    """Raise InputError if a joint has an unknown type, lacks required limits, or has malformed numbers."""
     for joint in root.findall("joint"):
         where, kind = f"joint {joint.get('name')!r}", joint.get("type", "")
         if kind not in _KINDS:
@@ -274,11 +275,11 @@ def _check_joints(root: ElementTree.Element, source: str) -> None:
 
 
 def _apply_soft_limits(root: ElementTree.Element, source: str) -> None:
-    """Narrow the limits of joints to the soft limits of their safety controllers, as MoveIt does.
+    """Narrow the joint limits to the soft limits of the safety controllers, as MoveIt does.
 
-    The controllers slow a joint down from its soft limits on, so that plans beyond these are not followed. MoveIt takes
-    attributes that are missing for zero, which leaves no range if both are. Such tags, which only have gains, say
-    nothing about the range here.
+    The controllers slow a joint down beyond its soft limits, so plans beyond them are not followed. MoveIt reads
+    missing attributes as zero, which leaves no range if both are missing. Here a tag without soft limits, which only
+    has gains, does not change the range.
     """
     for joint in root.findall("joint"):
         limit, safety = joint.find("limit"), joint.find("safety_controller")
@@ -309,7 +310,7 @@ def _check_inertials(root: ElementTree.Element, source: str) -> None:
 
 
 def _check_numbers(element: ElementTree.Element, numbers: Mapping[str, Sequence[str]], where: str, source: str) -> None:
-    """Raise InputError if an attribute of a tag in `element` is no number: "-1,5", say. Infinite ones are numbers."""
+    """Raise InputError if an attribute of a tag in `element` is not a number, such as "-1,5". Infinity is accepted."""
     for child in element:
         for attribute in numbers.get(child.tag, ()):
             text = child.get(attribute, "0")
@@ -322,7 +323,7 @@ def _check_numbers(element: ElementTree.Element, numbers: Mapping[str, Sequence[
 
 
 def _drop_empty_shapes(root: ElementTree.Element, source: str) -> None:
-    """Drop shapes of size zero, which some exporters write where a link has none; say so once."""
+    """Drop shapes of size zero, which some exporters write for links without shapes, and warn once."""
     links = set()
     for link in root.findall("link"):
         for element in (*link.findall("collision"), *link.findall("visual")):
@@ -334,7 +335,7 @@ def _drop_empty_shapes(root: ElementTree.Element, source: str) -> None:
 
 
 def _is_empty(shape: ElementTree.Element) -> bool:
-    """Return whether the sizes of a shape are given, and all zero."""
+    """Return whether all sizes of a shape are given and zero."""
     words = [word for name in _SIZES.get(shape.tag, ()) for word in shape.get(name, "").split()]
     try:
         return bool(words) and not any(map(float, words))
@@ -396,7 +397,7 @@ def _finite_numbers(
 def _check_complete(
     model: pin.Model, geometry: pin.GeometryModel, root: ElementTree.Element, tag: str, source: str
 ) -> None:
-    """Raise InputError if the parser has left out a shape of a link, naming the link."""
+    """Raise InputError, which names the link, if the parser has dropped a shape of a link."""
     built = [model.frames[part.parentFrame].name for part in geometry.geometryObjects]
     for link in root.findall("link"):
         name, wanted = link.get("name", ""), len(link.findall(tag))
@@ -409,11 +410,11 @@ def _check_complete(
 
 
 class UrdfFile:
-    """A URDF file with its package folders; those above the URDF are searched too for `package://` names.
+    """A URDF file with its package folders. The folders above the URDF are searched, too, for `package://` names.
 
-    A file that holds xacro is expanded with `xacro_args`; None refuses it: xacro evaluates expressions of Python, which
-    files that others made should not hold. What is malformed is an InputError, and so are arguments for a file without
-    xacro, unless it `may_be_plain`, as they may be meant for an SRDF.
+    A file with xacro is expanded with `xacro_args`. None refuses xacro, because xacro evaluates Python expressions,
+    which are a risk in files from others. Raises InputError for a malformed file, and for arguments without xacro in
+    the file unless it `may_be_plain` (the arguments may be meant for an SRDF).
     """
 
     def __init__(
@@ -439,14 +440,14 @@ class UrdfFile:
         _drop_empty_shapes(self._root, str(path))
 
     def build_model(self) -> pin.Model:
-        """Return the kinematic model with all its joints free."""
+        """Build the kinematic model with all joints free."""
         try:
             return pin.buildModelFromXML(ElementTree.tostring(self._readable_root(), encoding="unicode"))
         except (ValueError, RuntimeError) as error:
             raise InputError(f"not a valid URDF ({_first_line(error)})", str(self.path)) from None
 
     def build_geometry(self, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel:
-        """Return the collision or visual geometry of `model`; hulls are made of its meshes before they are queried."""
+        """Build the collision or visual geometry of `model`. Its meshes are not yet convex."""
         tag = "collision" if kind == pin.GeometryType.COLLISION else "visual"
         source = str(self.path)
         for link in self._root.findall("link"):
@@ -479,7 +480,7 @@ class UrdfFile:
         return found
 
     def text(self, meshes: Mapping[str, str] | None = None) -> str:
-        """Return the text of the URDF, expanded, with other names for some of its meshes."""
+        """Return the text of the expanded URDF, with the file names of `meshes` replaced."""
         root = deepcopy(self._root)
         for mesh in root.iterfind("link/*/geometry/mesh"):
             name = mesh.get("filename", "")
@@ -502,10 +503,10 @@ class UrdfFile:
         }
 
     def _text_with_meshes(self, tag: str) -> str:
-        """Return the URDF as the parser can read it, with the paths of its meshes and scales to metres.
+        """Return the URDF as text for the parser, with paths of meshes and scales to metres.
 
-        The unit of a mesh counts, as in RViz, MoveIt and Gazebo. Its axes are those of its link, whichever way its file
-        says is up, as there: TIAGo's collision and visual meshes fit each other only so.
+        As in RViz, MoveIt and Gazebo, the unit of a mesh file is used, and its upward axis is ignored: the axes of a
+        mesh are those of its link. Only then do the collision and visual meshes of TIAGo match.
         """
         root, files = self._readable_root(), self.mesh_files(tag)
         frames, turned = {}, []
@@ -529,7 +530,7 @@ class UrdfFile:
         return ElementTree.tostring(root, encoding="unicode")
 
     def _readable_root(self) -> ElementTree.Element:
-        """Return a copy of the URDF within soft limits, without inertials that make the parser drop a link's shapes."""
+        """Return a copy of the URDF with soft limits applied, without inertials that make the parser drop shapes."""
         root = deepcopy(self._root)
         _apply_soft_limits(root, str(self.path))
         for link in root.findall("link"):
@@ -540,7 +541,7 @@ class UrdfFile:
 
 
 def existing_file(path: str | Path, kind: str) -> Path:
-    """Return `path`, made absolute, or raise InputError if there is no such file."""
+    """Return the absolute path of an existing file, or raise InputError."""
     file = Path(path)
     if not file.is_file():
         raise InputError(f"{kind} file {str(path)!r} does not exist")
