@@ -1,4 +1,4 @@
-"""Programs: the command line and benchmarks; proofs as tests."""
+"""Programs: the command line, benchmarks, file exchange with other tools, and proofs in pytest."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Proofs as tests: `assert_proven`, and what pytest loads where it is installed, the marker `proven`."""
+"""Prove motions in tests, with the function `assert_proven` or the pytest marker `proven`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-# pytest loads this file in every run, so imports are kept out of it.
+# pytest loads this file in every run, so the imports that take time are inside the functions.
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
@@ -20,21 +20,23 @@ def assert_proven(
 ) -> None:
     """Raise AssertionError unless a motion is proven in a scenario.
 
-    Joint limits, collision, and the scenario's `limits` are proven of the whole motion; not its times.
+    Joint limits, freedom from collision, and the scenario's `limits` are proven for the whole motion. The times of the
+    motion are not checked.
 
     Parameters
     ----------
     motion : Motion, what `Motion.of` takes, or a file that `read_motion` reads
         The motion.
     scenario : Scenario, path-like, or name of a scenario
-        Robot, scene, and what else must hold.
+        The scenario with robot, scene and limits.
     tube : optional
-        As `check` takes it.
+        The tube around the motion, as for `check`.
 
     Raises
     ------
     AssertionError
-        Names kind, time, the pair that is too near, and by how much.
+        If the motion is not proven. The message names the kind of violation, the time, the pair that is too near, and
+        the missing distance.
     InputError
         If motion or scenario cannot be read.
     """
@@ -60,18 +62,18 @@ def assert_proven(
 
 
 def pytest_configure(config: Any) -> None:
-    """Make the marker known."""
+    """Register the marker `proven`."""
     config.addinivalue_line("markers", _MARKER)
 
 
 def pytest_runtest_call(item: Any) -> None:
-    """Prove the motions of a test's markers before the test itself runs."""
+    """Prove the motions that the markers of a test name, before the test runs."""
     for mark in item.iter_markers("proven"):
         motion, scenario = (_beside(item.path.parent, given) for given in mark.args)
         assert_proven(motion, scenario, **mark.kwargs)
 
 
 def _beside(folder: Path, given: Any) -> Any:
-    """Return a file beside the test; whatever else is given stays."""
+    """Return the path of a file in the folder of the test. If there is no such file, return `given`."""
     beside = folder / given if isinstance(given, (str, Path)) else None
     return beside if beside is not None and beside.is_file() else given

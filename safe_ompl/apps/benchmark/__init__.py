@@ -1,4 +1,4 @@
-"""Runs of planners, campaigns of them, and benchmarks in OMPL's form."""
+"""Compare planners over many seeds, and write benchmark logs in OMPL's format."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The benchmark of planners on one problem, called like `ot.Benchmark`, and its log for Planner Arena."""
+"""Benchmark planners on one problem with the interface of `ot.Benchmark`, and write the log for Planner Arena."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from safe_ompl.common import InputError, files, in_order
 from safe_ompl.planning import PlanResult, SafeSetup
 from safe_ompl.planning.planners import check_usable, make_planner, settings_of
 
-# In the order of ob.PlannerStatus, in its words; its own logs call the last three "Unknown status".
+# The statuses in the order of ob.PlannerStatus, with its names. OMPL's own logs call the last three "Unknown status".
 _STATUSES = (
     "Unknown status",
     "Invalid start",
@@ -42,7 +42,7 @@ _STATUSES = (
 
 @dataclass
 class PlannerRuns:
-    """All runs of one planner, by a name that differs from all others of the experiment."""
+    """All runs of one planner. The name is unique in the experiment."""
 
     name: str
     # The measurements of each run, by name.
@@ -57,25 +57,28 @@ class Experiment:
 
     # The name of the experiment. Blanks become underscores, because OMPL's reader stops at a blank.
     name: str
-    planners: list[PlannerRuns] = field(default_factory=list)  # What was measured
+    planners: list[PlannerRuns] = field(default_factory=list)
     # A description of the problem, in any number of lines.
     setup: str = ""
-    time_limit: float = 0.0  # Of a run [s]
+    # The time limit of a run [s].
+    time_limit: float = 0.0
     # The number of runs of each planner that were requested.
     run_count: int = 0
-    seed: int = 0  # Of the first run
+    # The seed of the first run.
+    seed: int = 0
     # The duration of the whole experiment [s].
     duration: float = 0.0
-    begin: datetime = field(default_factory=datetime.now)  # When it began
+    # The time at which the experiment began.
+    begin: datetime = field(default_factory=datetime.now)
 
 
 class Benchmark:
-    """Runs planners many times on one problem, and writes OMPL's log; called like `ot.Benchmark`.
+    """Run planners many times on one problem and write OMPL's log. The interface is that of `ot.Benchmark`.
 
-    `ot.Benchmark` does not record graphs of planners in Python, and aborts when they raise an exception. This class
-    does the runs itself, each as `SafeSetup.plan` does it, and also measures danger, clearance, proof and all counts. A
-    run that raises an exception is a crash, with the message in the column `error`. Ctrl-C ends the benchmark and keeps
-    the runs done so far.
+    `ot.Benchmark` does not record the graphs of planners written in Python, and aborts if a planner raises an
+    exception. This class runs the planners itself, with `SafeSetup.plan`, and also measures danger, clearance, proof
+    and all counts. A run that raises an exception has the status "Crash", and its message is in the column `error`.
+    Ctrl-C ends the benchmark and keeps the finished runs.
 
     Parameters
     ----------
@@ -108,13 +111,13 @@ class Benchmark:
         return f"Benchmark({self._setup!r}, {len(self._sources)} planners)"
 
     def addPlanner(self, planner: Any) -> None:
-        """Add a planner, or the name of one of `planner_names()`. By name it is made anew for every run."""
+        """Add a planner object, or one of `planner_names()`. By name, a new planner is created for every run."""
         if not isinstance(planner, str | ob.Planner):
             raise InputError(f"planner must be a name or an ob.Planner, got {planner!r}")
         self._add(planner)
 
     def addPlannerAllocator(self, allocator: Callable[[Any], Any]) -> None:
-        """Add a planner by a function that makes it from a space information, anew for every run."""
+        """Add a function that creates a planner from a space information. It is called for every run."""
         if not callable(allocator):
             raise InputError(f"planner allocator must be a function of a space information, got {allocator!r}")
         self._add(allocator)
@@ -127,7 +130,7 @@ class Benchmark:
         self._sources[name] = source
 
     def _planner(self, source: Any) -> Any:
-        """Return a planner that was given by its name, by itself, or by a function that makes it."""
+        """Return the planner of a source, which is a name, a planner, or a function that creates a planner."""
         if isinstance(source, str):
             return make_planner(source, self._setup.getSpaceInformation())
         planner = source if isinstance(source, ob.Planner) else source(self._setup.getSpaceInformation())
@@ -135,22 +138,22 @@ class Benchmark:
         return planner
 
     def benchmark(self, request: Any = None, *, seed: int = 0, workers: int | None = None) -> None:
-        """Do the runs.
+        """Run all planners.
 
         Parameters
         ----------
         request : ot.Request
-            Its maxTime, runCount, displayProgress and simplify count; the other fields have no effect.
+            The fields maxTime, runCount, displayProgress and simplify are used; the other fields have no effect.
         seed : int
-            Seed of the first run of each planner; the next ones count up. Planners that are made anew for every run
-            (by name or allocator) do the same in any process.
+            The seed of the first run of each planner. Later runs use the next seeds. Planners that are created for
+            every run (by name or allocator) give the same results in any process.
         workers : int, optional
-            How many processes do the runs; times are most accurate with 1. By default one for each processor.
+            The number of processes. Times are most accurate with 1. The default is one process per processor.
 
         Raises
         ------
         InputError
-            No planner, or a number of runs or workers below 1.
+            If there is no planner, or the number of runs or workers is below 1.
         """
         request = request or ot.Request()
         if request.runCount < 1:
@@ -180,16 +183,16 @@ class Benchmark:
                 print(f"\r{experiment.name}: {k / len(runs):.0%}", end="\n" * (k == len(runs)), file=sys.stderr)
 
     def getRecordedExperimentData(self) -> Experiment:
-        """Return what was measured so far."""
+        """Return the settings of the experiment and the measurements so far."""
         return self._experiment
 
     def saveResultsToFile(self, filename: str | PathLike[str]) -> bool:
-        """Write the log."""
+        """Write the log to a file."""
         files.write(str(filename), log_text(self._experiment))
         return True
 
     def saveResultsToDatabase(self, log: str | PathLike[str], database: str | PathLike[str]) -> None:
-        """Write the log, and add it to a SQLite database for Planner Arena, which is made if there is none."""
+        """Write the log and add it to a SQLite database for Planner Arena, which is created if it does not exist."""
         self.saveResultsToFile(log)
         # OMPL's reader prints a line for every planner, which is hidden here.
         with redirect_stdout(io.StringIO()):
@@ -239,7 +242,7 @@ def _column(name: str, values: Sequence[Value]) -> str:
 
 
 def _text(name: str, value: Any) -> str:
-    """Return a value as the log writes it: empty for what is not known, one line, no separators."""
+    """Format a value for the log: on one line and without separators. None becomes an empty text."""
     if value is None:
         return ""
     if name == "status":

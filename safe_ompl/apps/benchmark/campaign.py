@@ -1,4 +1,4 @@
-"""Runs of planners, campaigns of them on one scenario, and what is measured and summarised."""
+"""Run planners with many seeds on one scenario, measure each run, and summarise the measurements."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from safe_ompl.scene import Scenario
 
 _log = logging.getLogger(__name__)
 
-# The percentiles that the paper shows.
+# The percentiles [%] of the bands in the paper's figures.
 BAND = (15, 85)
 PRACTICE = "OMPL RRTConnect + OMPL's simplifier"
-"""The name, in a comparison, of how paths are planned today without this package."""
+"""The name of the baseline in comparisons: planning with OMPL alone."""
 ALL_WAYS = 'SafeRRTConnect, ways="all"'
-"""The name, in a comparison, of SafeRRTConnect that looks for the safest way round."""
+"""The name, in comparisons, of SafeRRTConnect that searches several routes for the safest one."""
 _PLANNERS = {PRACTICE: "RRTConnect", ALL_WAYS: "SafeRRTConnect"}
 Value = float | int | bool | str | None
 
@@ -41,9 +41,9 @@ class Run(NamedTuple):
 
 
 def rounds(planners: Sequence[str], number: int, seed: int = 0) -> list[Run]:
-    """Return the runs of a comparison in their order: the planners take turns, once with each seed.
+    """Return the runs of a comparison in order: all planners with the first seed, then all with the next seed.
 
-    Raises InputError for no planner, one named twice, or a number of runs below 1.
+    Raises InputError if there is no planner, a planner is named twice, or the number of runs is below 1.
     """
     if not planners:
         raise InputError("at least one planner is needed")
@@ -63,12 +63,12 @@ def run_planner(
     parameters: Mapping[str, Any] | None = None,
     simplify: bool | float = False,
 ) -> PlanResult:
-    """Do one run, of the planner by its name or as it is given; what goes wrong in it is a result without a path.
+    """Do one run of a named or given planner. If the run raises an exception, the result has no path.
 
-    The name may be `ALL_WAYS`, too, or `PRACTICE`: then OMPL's RRTConnect plans, with the setup's validity and motion
-    checks, and OMPL's `PathSimplifier` simplifies for as long as it finds something to do. A run does not know of other
-    runs, and its result can be sent to other processes: anything may spread runs out. Only an InputError, which all
-    runs would raise, and Ctrl-C arrive here.
+    The name may also be `ALL_WAYS` or `PRACTICE`. With `PRACTICE`, OMPL's RRTConnect plans with the setup's validity
+    and motion checks, and OMPL's `PathSimplifier` simplifies the path until it finds no improvement. Runs are
+    independent, and their results can be sent to other processes. Only InputError, which all runs would raise, and
+    KeyboardInterrupt are passed on.
     """
     try:
         options: dict[str, Any] = {"parameters": parameters, "simplify": simplify}
@@ -81,27 +81,27 @@ def run_planner(
         raise
     except Exception as error:
         return lost(run, str(error), setup.robot.joint_names)
-    # Ctrl-C ends all runs, not one of them.
+    # Ctrl-C ends all runs, not only this one.
     if result.interrupted:
         raise KeyboardInterrupt
     return replace(result, planner=run.planner) if run.planner == ALL_WAYS else result
 
 
 def _practice(setup: SafeSetup, run: Run, time: float, parameters: Mapping[str, Any] | None) -> PlanResult:
-    """Plan by OMPL's RRTConnect, and simplify by OMPL's simplifier, which knows of length and collision alone."""
+    """Plan with OMPL's RRTConnect and simplify with OMPL's simplifier, which considers only length and collision."""
     result = setup.plan(planner_of(run.planner), time=time, seed=run.seed, parameters=parameters)
     result = replace(result, planner=run.planner)
     if not result:
         return result
     begin = perf_counter()
-    # The path is OMPL's own object, which is simplified in place. Without the setup's objective, as that is danger.
+    # OMPL's path object is simplified in place. The simplifier does not get the setup's objective, which is danger.
     og.PathSimplifier(setup.getSpaceInformation()).simplifyMax(setup.getSolutionPath())
     took, path = perf_counter() - begin, setup.solution()
     return replace(result, path=path, planned_path=result.path, simplification_time=took, report=setup.report(path))
 
 
 def as_planned(setup: SafeSetup, result: PlanResult) -> PlanResult:
-    """Return a result as it was before its path was simplified; the same one where it was not."""
+    """Return the result before simplification. A result that was not simplified is returned as it is."""
     path = result.planned_path
     if path is None:
         return result
@@ -114,24 +114,25 @@ def failure(status: str, planner: str, seed: int, joint_names: tuple[str, ...]) 
 
 
 def lost(run: Run, words: str, joint_names: tuple[str, ...] = ()) -> PlanResult:
-    """Return the result of a run that went wrong, and log why."""
+    """Return the result of a run that raised an exception, and log the reason `words`."""
     _log.warning("%s, seed %d: %s", run.planner, run.seed, words)
     return failure(f"Error: {words}", run.planner, run.seed, joint_names)
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """Several planners, each with the same seeds, on one scenario.
+    """A comparison of several planners, all with the same seeds, on one scenario.
 
-    The planners take turns, so that other work of the machine affects all of them alike. Raises InputError for no
-    planner, one named twice, or a number of runs below 1.
+    The planners run in turn, so that other load of the machine affects all planners equally. Raises InputError if there
+    is no planner, a planner is named twice, or the number of runs is below 1.
     """
 
     # The problem, with the parameters of its planners.
     scenario: Scenario
     # Names of `planner_names()`, or `PRACTICE`. All names differ.
     planners: Sequence[str]
-    runs: int = 50  # Runs of each planner
+    # The number of runs of each planner.
+    runs: int = 50
     # The time limit of a run [s]. None takes the scenario's.
     time: float | None = None
     # The seed of the first run. Later runs take the next seeds.
@@ -146,20 +147,21 @@ class Campaign:
         return self.runs * len(self.planners)
 
     def check(self, setup: SafeSetup) -> None:
-        """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
+        """Raise InputError if a planner or one of its parameters in the scenario does not exist."""
         for planner in self.planners:
             check_named_planner(self.scenario, planner_of(planner), setup)
 
     def results(
         self, setup: SafeSetup | None = None, workers: int | Executor = 1, done: Iterable[PlanResult] = ()
     ) -> Iterator[PlanResult]:
-        """Do the runs and yield their results as they come, round after round.
+        """Do the runs and yield their results, seed after seed.
 
-        The setup already holds the scenario's start and goal; it is built by default. Several workers are as many
-        processes, and find the same; times are most accurate with one. An executor, as of `concurrent.futures` or of a
-        dask client (`get_executor()`), may have its workers elsewhere: each builds the setup from the scenario. Runs
-        that are `done`, of a campaign that was interrupted, come first, and are not repeated. Raises InputError if the
-        scenario cannot be planned, a planner or parameter does not exist, or there are less than 1 workers.
+        `setup` must hold the scenario's start and goal; by default it is built. `workers` is the number of processes,
+        which does not change the paths; times are most accurate with one. It may also be an executor of
+        `concurrent.futures` or of a dask client (`get_executor()`), whose workers may run on other machines; each
+        worker builds the setup from the scenario. `done` holds results of an interrupted campaign: they are yielded
+        first, and their runs are not repeated. Raises InputError if the scenario cannot be planned, a planner or
+        parameter does not exist, or there are less than 1 workers.
         """
         setup = setup or setup_scenario(self.scenario)
         self.check(setup)
@@ -193,19 +195,22 @@ def _runner_of(campaign: bytes) -> Callable[[Run], PlanResult]:
 
 
 def default_planners(scenario: Scenario) -> tuple[str, ...]:
-    """Return what a comparison has by default: today's practice, the safest way, and our planners that fit the goal."""
+    """Return the default planners of a comparison: baseline, `ALL_WAYS`, and this package's planners that fit the goal.
+
+    Planners that need a target pose only fit goals that are target poses.
+    """
     has_place = scenario.goal.is_place
     ours = (name for name in planner_names() if is_ours(name) and (has_place or not needs_place(name)))
     return (PRACTICE, ALL_WAYS, *ours)
 
 
 def planner_of(name: str) -> str:
-    """Return the planner that plans under a name of a comparison."""
+    """Return the planner's own name for a name in a comparison, which may be `PRACTICE` or `ALL_WAYS`."""
     return _PLANNERS.get(name, name)
 
 
 def run_measures(result: PlanResult) -> dict[str, Value]:
-    """Return all measures of a run: OMPL's own by its names, then danger, clearance, proof and counts."""
+    """Return all measurements of a run: those of OMPL with OMPL's names, then danger, clearance, proof and counts."""
     report, path = result.report, result.path
     found: dict[str, Value] = {
         "time": result.planning_time,
@@ -232,7 +237,7 @@ def run_measures(result: PlanResult) -> dict[str, Value]:
     return found
 
 
-# The measures that are summarised over runs, by the keys of reports; several are added up.
+# For each key of a report, the measurements whose sum is summarised over the runs.
 SUMMARISED: Mapping[str, tuple[str, ...]] = {
     "planning_time": ("time",),
     "simplification_time": ("simplification time",),
@@ -253,15 +258,15 @@ SUMMARISED: Mapping[str, tuple[str, ...]] = {
 class Summary:
     """Statistics over the runs of one planner, of which S are solved."""
 
-    planner: str  # Name of the planner
+    planner: str
     # The number of runs, and the number of runs that found a path.
     runs: int
     solved: int
-    # Values (S,) of the solved runs by the keys of `SUMMARISED` [s, rad, m]. NaN where the danger is not known.
+    # Values (S,) of the solved runs by the keys of `SUMMARISED` [s, rad, m]. NaN if a measurement is missing.
     metrics: Mapping[str, FloatArray]
     # Danger profiles of the solved runs (S, 101).
     profiles: FloatArray
-    # The solved run whose mean danger is the median (of an even number the lower one)
+    # The solved run with the median of the mean danger (the lower median of an even number of runs).
     typical: PlanResult | None
 
     @classmethod
@@ -285,12 +290,12 @@ class Summary:
         return float(np.percentile(values, percent)) if len(values) else float("nan")
 
     def spread(self, metric: str) -> float:
-        """Return how far a metric spreads over the seeds: the width of its 15–85 % band; inf with less than 2 runs."""
+        """Return the width of the 15–85 % band of a metric over the seeds; inf for less than two solved runs."""
         low, high = (self.percentile(metric, percent) for percent in BAND)
         return high - low if self.solved > 1 else math.inf
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the summary as plain numbers and strings: of each metric the median and the 15–85 % band."""
+        """Return the summary as plain numbers and strings, with the median and the 15–85 % band of each metric."""
         marks = {"median": 50, **{f"p{percent}": percent for percent in BAND}}
         return {
             "planner": self.planner,
@@ -305,6 +310,6 @@ class Summary:
 
 
 def summarize(results: Sequence[PlanResult]) -> list[Summary]:
-    """Return a summary for each planner, in the order in which they first appear."""
+    """Return a summary for each planner, in the order in which the planners first appear."""
     planners = dict.fromkeys(result.planner for result in results)
     return [Summary.of(name, [result for result in results if result.planner == name]) for name in planners]

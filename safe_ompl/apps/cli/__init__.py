@@ -1,1 +1,1 @@
-"""The command line: `safe-ompl`."""
+"""The command line program `safe-ompl`."""

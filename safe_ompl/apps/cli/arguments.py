@@ -1,4 +1,4 @@
-"""Arguments of the commands: what several of them share, and how values are read from text."""
+"""Options that several commands share, and functions that read values from text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from safe_ompl.scene import Scenario, ToolConstraint
 
 _Number = TypeVar("_Number", int, float)
 
-PLANNER = "SafeRRTConnect"  # where none is named
+PLANNER = "SafeRRTConnect"  # default planner
 _BOOLEANS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 
 
@@ -29,11 +29,11 @@ def add_parser(
     summary: str,
     description: str | None = None,
 ) -> argparse.ArgumentParser:
-    """Add a command to what `add_subparsers` returned, and return its parser.
+    """Add a command to `commands`, which `add_subparsers` returned, and return the parser of the command.
 
-    `prepare` checks what the options name, raises all errors of input, and returns the job: a function without
-    arguments that does the work and returns the exit status. The summary is for the list of commands; the help of its
-    own is by default the same.
+    `prepare` validates the options, raises InputError for bad input, and returns a function without arguments that runs
+    the command and returns the exit status. `summary` is shown in the list of commands. `description` is shown in the
+    help of the command; by default it is the summary.
     """
     parser: argparse.ArgumentParser = commands.add_parser(
         name, help=summary, description=description or f"{summary[0].upper()}{summary[1:]}."
@@ -50,11 +50,11 @@ def option(
     default: Any = None,
     **more: Any,
 ) -> None:
-    """Add an option to a parser or a group of it; `form` is how its help shows it, such as `-o, --out FILE`.
+    """Add an option to a parser or an argument group; `form` is the option as the help shows it: `-o, --out FILE`.
 
-    An option without a value is a switch, one whose default is an empty list may be repeated; a form that begins with
-    no dash is a positional argument. The help says the default, unless `words` do. `more` are further arguments of
-    `add_argument`.
+    An option without a value is a switch. An option whose default is an empty list may be repeated. A form without a
+    dash is a positional argument. The default is appended to the help text `words`, unless `words` mention it. `more`
+    are further arguments of `add_argument`.
     """
     *others, last = form.split(", ")
     name, _, metavar = last.partition(" ")
@@ -71,36 +71,36 @@ def option(
 
 
 def add_force(parser: argparse.ArgumentParser) -> None:
-    """Add the permission to replace files; every command that writes some gets it, see `command_line`."""
+    """Add --force, which allows to replace files. `command_line` adds it to all commands that write files."""
     option(parser, "--force", "replace files that exist")
 
 
 def refuse(options: argparse.Namespace, names: Iterable[str], why: str) -> None:
-    """Raise InputError if one of some options is given."""
+    """Raise InputError, with the reason `why`, if the user gave one of the named options."""
     for name in names:
         if getattr(options, name) not in (None, [], False, 0.0):
             raise InputError(why, f"--{name.replace('_', '-')}")
 
 
 def add_scenario(parser: argparse.ArgumentParser) -> None:
-    """Add the scenario, as the first argument."""
+    """Add the scenario as the first positional argument."""
     option(parser, "scenario SCENARIO", "name or YAML file, see `safe-ompl list`")
 
 
 def add_mcap(parser: argparse.ArgumentParser) -> None:
-    """Add the log that Foxglove opens."""
+    """Add --mcap, which writes a log for Foxglove."""
     option(parser, "--mcap FILE", "also write a log that Foxglove opens (.mcap)", output.LOG)
 
 
 def add_planner_options(parser: argparse.ArgumentParser, usual_time: str) -> None:
-    """Add planner, parameters, time limit, seed and simplification."""
+    """Add the options for planner, parameters, time limit, seed and simplification."""
     option(parser, "--planner NAME", "", default=PLANNER)
     option(parser, "--param KEY=VALUE", "parameter of the planner: alpha=2 (repeatable)", parameter, [])
     add_run_options(parser, usual_time)
 
 
 def add_run_options(parser: argparse.ArgumentParser, usual_time: str, *, simplify: bool = False) -> None:
-    """Add time limit, seed and simplification."""
+    """Add the options for time limit, seed and simplification."""
     option(parser, "--time SECONDS", f"time limit of a run (default: {usual_time})", seconds)
     option(parser, "--seed N", "random seed (default: 0)", random_seed, 0)
     option(
@@ -116,12 +116,12 @@ def add_run_options(parser: argparse.ArgumentParser, usual_time: str, *, simplif
 
 
 def add_workers(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add how many processes there are for what a command does many times."""
+    """Add --workers, the number of processes. `what` names the tasks that the processes share."""
     option(parser, "--workers N", f"processes that share the {what} (default: 1, for the cleanest times)", count)
 
 
 def run_options(options: argparse.Namespace, scenario: Scenario, planner: str) -> dict[str, Any]:
-    """Return the arguments of `SafeSetup.plan` for a planner; options take precedence over the scenario."""
+    """Return the arguments of `SafeSetup.plan` for a planner. Options take precedence over the scenario."""
     return {
         "time": options.time or scenario.time,
         "seed": options.seed,
@@ -131,7 +131,7 @@ def run_options(options: argparse.Namespace, scenario: Scenario, planner: str) -
 
 
 def add_xacro_args(parser: argparse._ActionsContainer) -> None:
-    """Add values of the arguments of a URDF that holds xacro."""
+    """Add --xacro-arg, which sets arguments of a xacro file."""
     option(parser, "--xacro-arg NAME:=VALUE", "of a URDF that holds xacro (repeatable)", _xacro_arg, [])
 
 
@@ -143,12 +143,12 @@ def _xacro_arg(text: str) -> tuple[str, str]:
 
 
 def xacro_args(options: argparse.Namespace) -> dict[str, str]:
-    """Return the values of xacro's arguments that the options give."""
+    """Return the values of xacro arguments that the options set."""
     return _once("--xacro-arg", options.xacro_arg)
 
 
 def add_collision_option(parser: argparse._ActionsContainer) -> None:
-    """Add how links without collision shapes are treated."""
+    """Add --collision, which sets how links without collision shapes are treated."""
     parser.add_argument(
         "--collision",
         choices=get_args(CollisionSource),
@@ -158,7 +158,7 @@ def add_collision_option(parser: argparse._ActionsContainer) -> None:
 
 
 def add_package_dirs(parser: argparse._ActionsContainer) -> None:
-    """Add folders of packages that URDFs name; every command that loads a robot or a saved file gets it."""
+    """Add the options for package folders, which all commands that load a robot or a saved file have."""
     option(parser, "--package-dir DIR", "holds packages that a URDF names (repeatable)", _folder, [])
     words = "folder of the package NAME that a URDF names (repeatable)"
     option(parser, "--package NAME=DIR", words, _package, [], dest="package_dir")
@@ -176,7 +176,7 @@ def _package(text: str) -> NamedPackage:
 
 
 def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the parameters of the planner that the options give; a command may lack the option."""
+    """Return the planner parameters that the options set. A command without --param has none."""
     return _once("--param", vars(options).get("param", ()))
 
 
@@ -190,7 +190,7 @@ def _once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def add_limit_options(parser: argparse.ArgumentParser) -> None:
-    """Add the limits that every path must keep."""
+    """Add the options for limits that every path must satisfy."""
     group = parser.add_argument_group("limits, proven along whole motions")
     option(group, "--max-danger X", "largest danger of any configuration", limit)
     option(group, "--min-clearance D", "keep D metres from people and all that has a danger weight", limit)
@@ -203,7 +203,7 @@ def add_limit_options(parser: argparse.ArgumentParser) -> None:
 
 
 def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
-    """Return the scenario; limits that the options give replace its own."""
+    """Return the scenario with the limits of the options, which replace the scenario's limits."""
     keys = ("max_danger", "min_clearance")
     given: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
     if options.keep_upright:
@@ -212,7 +212,10 @@ def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
 
 
 def load_scenario(name_or_file: str, package_dirs: Sequence[PackageDir] = (), *, goal: bool = False) -> Scenario:
-    """Load a scenario, perhaps one with a `goal`; the planners that it gives parameters to must exist, too."""
+    """Load a scenario. Raise InputError if the scenario sets parameters of an unknown planner.
+
+    With `goal`, a scenario with a program instead of a goal is refused.
+    """
     scenario = Scenario.load(name_or_file)
     if goal and scenario.goal is None:
         raise InputError("missing: it has a program, which `safe-ompl plan` plans", f"{scenario.file}: goal")
@@ -229,7 +232,7 @@ def load_scenario(name_or_file: str, package_dirs: Sequence[PackageDir] = (), *,
 
 
 def _reader(kind: Callable[[str], _Number], fits: Callable[[_Number], bool], what: str) -> Callable[[str], _Number]:
-    """Return a function that reads a number from text; `what` says in errors which numbers fit."""
+    """Return a function that reads a number from text. `what` describes the allowed numbers in error messages."""
 
     def read(text: str) -> _Number:
         with suppress(ValueError):
@@ -266,7 +269,7 @@ def names(text: str) -> tuple[str, ...]:
 
 
 def parameter(text: str) -> tuple[str, Any]:
-    """Read ``name=value`` with a number, true, yes, on, false, no, off, or else text."""
+    """Read ``name=value``. The value is a number, a bool (true, yes, on, false, no, off), or else text."""
     name, value = _assignment(text, "name=value")
     for kind in (int, float):
         with suppress(ValueError):
