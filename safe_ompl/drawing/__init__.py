@@ -1,7 +1,7 @@
-"""Pictures, plots and the view in the browser.
+"""Pictures, plots and the browser view.
 
-The browser needs the extra `safe-ompl[viewer]`, all pictures `safe-ompl[plots]`. Plots beyond those of one path are in
-`safe_ompl.drawing.plots`.
+The browser view needs the extra `safe-ompl[viewer]`; pictures and plots need `safe-ompl[plots]`. Plots that compare
+several paths or planners are in `safe_ompl.drawing.plots`.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""What a view shows: a robot in its scene, paths by planner, danger, people who move."""
+"""The content of a view: a robot in its scene, paths by planner, danger, and moving people and objects."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from safe_ompl.scene import CORE, Scene
 from safe_ompl.tasks import ProgramResult, program_robot
 
 CERTIFIED = "certified path"
-# The number of samples of a motion of polynomials.
+# The number of samples of a piecewise polynomial motion.
 _MOTION_SAMPLES = 200
-# The time to play a path without times once.
+# The time in which a path without times is played.
 _PLAYING_TIME = 8.0  # [s]
 _CHECK_SAMPLES = 400
 # The rate of the samples of a program.
@@ -40,7 +40,7 @@ RECORDING_ENDING = ".jsonl"
 
 @dataclass(frozen=True)
 class ViewerContent:
-    """A robot in its scene, and what there is to show of its paths.
+    """The content of a view: a robot, its scene, its paths, and moving people and objects.
 
     Raises
     ------
@@ -48,20 +48,20 @@ class ViewerContent:
         If a path or the posture does not fit the robot.
     """
 
-    robot: Robot  # Who moves
-    scene: Scene  # What stands around it
+    robot: Robot
+    scene: Scene
     # The way points of each planner [rad or m].
     paths: Mapping[str, FloatArray] = field(default_factory=dict)
-    # (n,), where the robot stands if there is no path; default: the middle of its limits
+    # The configuration (n,) of the robot if there is no path. The default is the middle of the joint limits.
     posture: FloatArray | None = None
-    # Options of the danger field, as those of `SafeSetup`; None: without danger
+    # The options of the danger field, as for `SafeSetup`. None means that no danger is shown.
     danger: Mapping[str, Any] | None = field(default_factory=dict)
-    # Planner name → motion in time: it is played as it is in time, with its speed and what bounds it. Its
-    # knots are the path of that name
+    # Timed motions by planner. They are played in real time, with the speed and the active limit. The knots of a motion
+    # are the path of the same name.
     motions: Mapping[str, MotionRecord] = field(default_factory=dict)
     # The people and objects that move during the motion.
     movers: Movers | None = None
-    title: str = ""  # Title of the page
+    title: str = ""  # page title
 
     def __post_init__(self) -> None:
         moved = {name: record.motion.knots for name, record in self.motions.items()}
@@ -79,15 +79,15 @@ class ViewerContent:
     def of_certificate(
         cls, content: Mapping[str, Any], title: str = "", package_dirs: Sequence[PackageDir] = ()
     ) -> ViewerContent:
-        """Return what a certificate is about; it is shown, not verified.
+        """Return the robot, scene and motions of a certificate. The certificate is not verified.
 
-        A single motion is shown as a path with its danger, several ones, or what takes an object, as they are in time.
-        The robot is built from what the certificate carries; `package_dirs` as of `safe_ompl.load`.
+        A single motion is shown as a path with its danger. Several motions, or a motion that takes an object, are shown
+        over time. The robot is built from the recipe in the certificate; `package_dirs` as for `safe_ompl.load`.
 
         Raises
         ------
         InputError, CertificateError
-            If it is no certificate, or robot or scene cannot be built or are not those of the certificate.
+            If `content` is not a certificate, or robot or scene cannot be built or differ from those certified.
         """
         claims = Certificate.read(content)
         robot, scene = built_robot(claims.robot, package_dirs=package_dirs), built_scene(claims.scene)
@@ -115,9 +115,9 @@ class ViewerContent:
     def of_results(
         cls, results: Sequence[PlanResult], title: str = "", posture: FloatArray | None = None
     ) -> ViewerContent:
-        """Return the solved ones of some results, by planner; where none is solved, the robot is in a `posture: (n,)`.
+        """Show the paths of all solved results, by planner. If none is solved, show the robot in a `posture: (n,)`.
 
-        Raises InputError if there is none, one does not know its robot and scene, or they are about different ones.
+        Raises InputError if there is no result, a result lacks its robot or scene, or robots or scenes differ.
         """
         for result in results:
             if result.robot is None or result.scene is None:
@@ -128,21 +128,21 @@ class ViewerContent:
 
     @classmethod
     def of_motions(cls, motions: Sequence[MotionRecord], title: str = "") -> ViewerContent:
-        """Return motions in time, by planner; errors as of `of_results`."""
+        """Show timed motions, by planner. Errors are those of `of_results`."""
         robot, scene = _common([(m.problem.robot, m.problem.scene) for m in motions], "motion")
         named = _by_name([(m.name or "motion", str(k), m) for k, m in enumerate(motions, 1)])
         return cls(robot, scene, danger=motions[0].problem.danger, motions=named, title=title)
 
     @classmethod
     def of_check(cls, check: MotionCheck, title: str = "") -> ViewerContent:
-        """Return a motion that something else made, with the stretches that are not proven."""
+        """Show a checked motion and its violations."""
         motion = check.motion
         pace = 1.0 if motion.timed else motion.duration / _PLAYING_TIME
         marks = [time for found in check.violations for time in (found.first, found.at, found.last)]
         even = np.linspace(motion.times[0], motion.times[-1], _CHECK_SAMPLES)
         times = np.unique(np.concatenate([motion.times, even, marks]))
         times = times[np.diff(times, prepend=-np.inf) > 1e-9 * motion.duration]
-        # What belongs to an instant is seen for this time beside it.
+        # A violation is shown from this time before it until this time after it, so that short ones are visible.
         near = 0.5 * motion.duration / _CHECK_SAMPLES
         lines, names = [], []
         for time in times.tolist():
@@ -163,7 +163,7 @@ class ViewerContent:
 
     @classmethod
     def of_program(cls, result: ProgramResult) -> ViewerContent:
-        """Return a program as one motion: things move with the tip while it holds them. InputError if there is none."""
+        """Show a program as one motion. Held objects move with the tip. Raises InputError if nothing was planned."""
         program, scenario = result.scenario.program, result.scenario
         steps = () if program is None else program.steps
         stages = [
@@ -174,24 +174,24 @@ class ViewerContent:
 
     @cached_property
     def still(self) -> Scene:
-        """The scene without what moves."""
+        """The scene without moving obstacles."""
         moving = () if self.movers is None else self.movers.objects
         return replace(self.scene, obstacles=tuple(o for o in self.scene if o.name not in moving))
 
     @cached_property
     def scene_at_start(self) -> Scene:
-        """The scene, and where people are at first: what decides from where to look."""
+        """The scene with the people at their first positions. The camera is chosen for this scene."""
         people = () if self.movers is None else self.movers.people_at(0.0)
         return replace(self.scene, obstacles=(*self.scene, *people))
 
     @property
     def playing_time(self) -> float:
-        """How long it plays [s]: as long as the longest motion in time, else some seconds."""
+        """The playing time [s]: the duration of the longest timed motion, or 8 s without timed motions."""
         return max((record.motion.duration for record in self.motions.values()), default=_PLAYING_TIME)
 
     @cached_property
     def danger_field(self) -> DangerField | None:
-        """The danger of the robot in its scene; None where there is none, or nothing is dangerous."""
+        """The danger field; None if no danger is shown or no obstacle is dangerous."""
         if self.danger is None:
             return None
         found = DangerField.of_options(self.robot, self.scene, self.danger)
@@ -199,7 +199,7 @@ class ViewerContent:
 
     @cached_property
     def reports(self) -> Mapping[str, PathReport]:
-        """The report on each path; none where people or things move meanwhile, as they are in no report."""
+        """The report on each path. It is empty if people or objects move, because reports assume a static scene."""
         if self.movers is not None:
             return {}
         checker = CollisionChecker(self.robot, self.scene)
@@ -207,7 +207,7 @@ class ViewerContent:
 
     @cached_property
     def safest(self) -> str:
-        """The name of the path of least mean danger, of equal ones that with most clearance; empty for one path."""
+        """The path with the least mean danger, then with the largest clearance; empty if there is only one path."""
 
         def cost(name: str) -> tuple[float, float]:
             report = self.reports[name]
@@ -216,7 +216,7 @@ class ViewerContent:
         return min(self.reports, key=cost) if len(self.reports) > 1 else ""
 
     def facts(self, name: str) -> list[str]:
-        """Return mean and peak danger, least clearance and length of a path in words; empty where none is known."""
+        """Describe mean and peak danger, least clearance and length of a path; empty if the path has no report."""
         report = self.reports.get(name)
         if report is None:
             return []
@@ -239,7 +239,7 @@ _Shown = TypeVar("_Shown")
 
 
 def _by_name(shown: Sequence[tuple[str, str, _Shown]]) -> dict[str, _Shown]:
-    """Return what is shown by its name; what has the name of another one gets what tells it apart, too."""
+    """Map names to the given things. If a name is taken, the second text of the triple is appended to the name."""
     found: dict[str, _Shown] = {}
     for name, apart, thing in shown:
         found[f"{name}, {apart}" if name in found else name] = thing
@@ -247,7 +247,7 @@ def _by_name(shown: Sequence[tuple[str, str, _Shown]]) -> dict[str, _Shown]:
 
 
 def _common(given: Sequence[tuple[Any, Any]], kind: str) -> tuple[Robot, Scene]:
-    """Return the robot and the scene that all have in common, or raise InputError."""
+    """Return the common robot and scene. Raise InputError if nothing is given or robots or scenes differ."""
     if not given:
         raise InputError(f"no {kind} to show; give at least one")
     robot, scene = given[0]
@@ -262,27 +262,28 @@ Keypoints = Mapping[str, Sequence[float]]
 
 @dataclass(frozen=True, eq=False)
 class Movers:
-    """Where people and things are at some instants; between two of them people stay where they were."""
+    """Positions of people and objects at T instants. Between two instants people stay at the earlier position."""
 
-    times: FloatArray  # (T,), instants [s]
+    # The instants (T,) [s].
+    times: FloatArray
     # The height of each person [m].
     heights: Mapping[str, float]
-    # For each instant: name → key points in the world [m]; who is not there is not seen
+    # For each instant, the key points of each person in the world [m]. A person who is missing is not drawn.
     people: Sequence[Mapping[str, Keypoints]]
     # For each instant, the poses of the scene's obstacles by name.
     places: Sequence[Mapping[str, Pose]]
 
     @property
     def objects(self) -> frozenset[str]:
-        """Names of the obstacles that move."""
+        """The names of the moving obstacles."""
         return frozenset(name for places in self.places for name in places)
 
     def sample(self, time: float) -> int:
-        """Return the number of the instant at a time [s], or before it."""
+        """Return the index of the last instant at or before a time [s]."""
         return int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 1))
 
     def places_at(self, time: float) -> dict[str, Pose]:
-        """Return where the things that are there are at a time [s]; between two instants they move evenly."""
+        """Return the poses of the objects at a time [s], interpolated between instants."""
         sample = self.sample(time)
         after = min(sample + 1, len(self.times) - 1)
         share = np.interp(time, self.times[[sample, after]], [0.0, 1.0]) if after > sample else 0.0
@@ -293,21 +294,21 @@ class Movers:
         }
 
     def people_at(self, time: float) -> list[Obstacle]:
-        """Return the people who are there at a time [s], as obstacles."""
+        """Return the people who are present at a time [s], as obstacles."""
         there = self.people[self.sample(time)]
         return [
             Obstacle(name, Person(self.heights[name], points), Pose(), weight=1.0) for name, points in there.items()
         ]
 
     def obstacles_at(self, time: float, scene: Scene) -> list[Obstacle]:
-        """Return all that move, as they are at a time [s]: people, and obstacles of the scene at their places."""
+        """Return the people and the moving obstacles of the scene, at their poses at a time [s]."""
         places = self.places_at(time)
         things = [replace(o, pose=places[o.name]) for o in scene if o.name in places]
         return [*self.people_at(time), *things]
 
 
 class _Stage(NamedTuple):
-    """A part of a program: which one, for which step, when it begins [s], what moves how, and among what."""
+    """A segment of a program: number, step, begin [s], motion, robot and scene."""
 
     number: str
     step: str
@@ -318,7 +319,7 @@ class _Stage(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """What it is, what is held, and what may touch."""
+        """The step, the held objects, and the contacts that are allowed."""
         held = ", ".join(item.name for item in self.robot.attached)
         told = [f"holding {held}"] if held else []
         told += [f"{' and '.join(o.touched_by)} may touch {o.name}" for o in self.scene if o.touched_by]
@@ -327,7 +328,7 @@ class _Stage(NamedTuple):
 
 
 def _of_stages(robot: Robot, stages: Sequence[_Stage], title: str, danger: Mapping[str, Any] | None) -> ViewerContent:
-    """Return a program of a robot that holds nothing: what it is to hold is among the things that move."""
+    """Combine the segments of a program. The robot is drawn without held objects, which are moving objects instead."""
     if not stages:
         raise InputError("there is nothing to show: nothing was planned")
     known = {o.name: o for stage in reversed(stages) for o in stage.scene if not o.name.endswith(CORE)}
@@ -372,10 +373,10 @@ def read_recording(
     package_dirs: Sequence[PackageDir] = (),
     read: Callable[[str | Path], Ticks] = read_ticks,
 ) -> ViewerContent:
-    """Return what a file of ticks shows: robot and people in motion, with the robot's state and its reason.
+    """Read a file of ticks and return the motions of robot and people, with the robot's state and its reason.
 
-    The robot is by default built from what the file carries; `read` reads files of another form. Parameters and errors
-    as of `safe_ompl.load`.
+    By default the robot is built from the recipe in the file. `read` reads the header and the ticks. Other parameters
+    and errors are those of `safe_ompl.load`.
     """
     header, ticks = read(file)
     with document.within(str(file), ": "):
@@ -412,7 +413,7 @@ def read_recording(
 
 
 def _keypoints(people: Mapping[str, Any]) -> dict[str, Keypoints]:
-    """Return the key points from which a `Person` is drawn; others, such as the pelvis, follow from them."""
+    """Keep only the key points that define a `Person`. Others, such as the pelvis, are computed from them."""
     return {
         name: {point: place for point, place in points.items() if point in STANDING} for name, points in people.items()
     }

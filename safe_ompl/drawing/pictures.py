@@ -1,4 +1,4 @@
-"""Pictures of a robot along a path, and of planners side by side, still or animated (WebP, GIF)."""
+"""Draw a robot along a path, or the paths of several planners side by side, as pictures or animations (WebP, GIF)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from safe_ompl.scene import Scene
 from safe_ompl.tasks import ProgramResult
 
 if TYPE_CHECKING:
-    # Drawing works without OMPL.
+    # Importing SafeSetup needs OMPL, and drawing must work without OMPL.
     from safe_ompl.planning import SafeSetup
 
 Image = NDArray[np.uint8]
@@ -40,9 +40,9 @@ Image = NDArray[np.uint8]
 
 ACCENT: Colour = (0.09, 0.42, 0.78)
 START: Colour = (0.66, 0.67, 0.69)
-# Bodies in the same place are moved apart by this many sizes of the robot's motion.
+# Coinciding bodies are inflated by this share of the size of the robot's motion, so that their surfaces differ.
 _COINCIDENCE = 1e-3
-# Sizes of the robot's motion; radius of the trace of the tip, and of the planned one.
+# Radii of the tip's trace and of the trace before simplification, as shares of the size of the robot's motion.
 TRACE, _THIN = 0.006, 0.0022
 GHOSTS = 4
 PALE: Colour = (1.0, 1.0, 1.0)
@@ -59,13 +59,13 @@ def render_path(
     camera: Camera | None = None,
     ghosts: int = GHOSTS,
 ) -> Image:
-    """Draw a robot along a path: start in grey, goal in colour, translucent postures between.
+    """Draw a robot along a path: the start in grey, the goal in colour, and translucent postures between them.
 
-    The path is way points (N, n) [rad or m], between which the joints move on straight lines, or a solved result: then
-    in the planner's colour, one posture is where the robot is closest to an obstacle, and the way of the tip before the
-    path was simplified is a thin line. So many `ghosts` are shown between start and goal. The picture of a width and
-    height `size` [px] is (height, width, 3) of uint8, sRGB, by default from where most of robot and people is seen.
-    Raises InputError if a path is empty, has the wrong number of joints or is not finite.
+    The path is given as way points (N, n) [rad or m], between which the joints move linearly, or as a solved result. A
+    result is drawn in the planner's colour, with one posture where the robot is closest to an obstacle, and with the
+    tip's path before simplification as a thin line. `ghosts` is the number of translucent postures. Returns an image
+    (height, width, 3) of uint8 in sRGB; `size` is its width and height [px]. The default camera shows most of the robot
+    and the people. Raises InputError if a path is empty, has the wrong number of joints or is not finite.
     """
     drawn = DrawnScene(robot, scene, [_way_points(path)])
     renderer = Renderer(drawn.floor, camera or best_view(drawn, size), size)
@@ -86,7 +86,7 @@ def _way_points(path: FloatArray | PlanResult) -> FloatArray:
 def _draw(
     drawn: DrawnScene, renderer: Renderer, path: FloatArray | PlanResult, accent: Colour, ghosts: int = GHOSTS
 ) -> Image:
-    """Return the picture of one path of a scene, see `render_path`."""
+    """Draw one path of a scene; see `render_path`."""
     samples, closest, before = resampled(drawn.robot, _way_points(path)), None, None
     if isinstance(path, PlanResult):
         before = path.planned_path
@@ -110,7 +110,7 @@ def _postures(
     accent: Colour,
     more: Sequence[ColouredSurface],
 ) -> Image:
-    """Return the picture of a robot along samples (S, n), translucent at some shares of them, and of more things."""
+    """Draw a robot along samples (S, n), with translucent postures at `shares` of the samples, and more surfaces."""
     start, goal = samples[0], samples[-1]
     gap = _COINCIDENCE * drawn.size
     things = [
@@ -132,12 +132,12 @@ def _postures(
 
 
 def trace(drawn: DrawnScene, samples: FloatArray, width: float) -> Surface:
-    """Return the way of the tip as a tube; its radius is a share of the size of the robot's motion."""
+    """Return the path of the tip as a tube. `width` is its radius as a share of the size of the robot's motion."""
     return Surface.from_triangles(*tube(drawn.trace(samples), width * drawn.size))
 
 
 def _glass(body: Surface, renderer: Renderer) -> FloatArray:
-    """Return the opacity of a glass body at its vertices, and its brightness times opacity: (V, 2)."""
+    """Return the opacity of a translucent body at its vertices, and brightness times opacity, as an array (V, 2)."""
     to_eye = renderer.camera.eye - body.vertices
     to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
     facing = np.einsum("ij,ij->i", to_eye, body.normals)
@@ -149,14 +149,14 @@ def _glass(body: Surface, renderer: Renderer) -> FloatArray:
 # The compression of PNG files, from 0 to 9. Level 3 is twice as fast as 6, and the files are hardly larger.
 _COMPRESSION = 3
 _PROGRAM_SAMPLES = 600
-# Of postures whose tips are nearer than this, one is shown.
+# If the tips of several postures are closer together than this, only one posture is drawn.
 _EQUAL_TIPS = 0.1  # [m]
-# The resolution of the picture of a single plan, which should appear at once.
+# The resolution of the picture of a single plan. It is low because drawing must be quick.
 _QUICK_DPI = 100
 
 
 def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
-    """Draw the robot along a solved plan, and beside it the path's danger and clearance."""
+    """Draw the robot along a solved plan, and on the right the danger and clearance along the path."""
     assert result.path is not None
     assert result.report is not None
     assert result.report.danger is not None
@@ -175,9 +175,9 @@ def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
 
 
 def draw_program(result: ProgramResult, file: str | Path) -> None:
-    """Draw the robot at the ends of the steps of a program, the way of its tip, and its steps in time beside it.
+    """Draw the robot at the ends of the steps of a program, the path of its tip, and on the right the steps over time.
 
-    What changes hands is where it is at first, and where it is in the end. Raises InputError if nothing was planned.
+    Objects that the robot moves are drawn at their first and last poses. Raises InputError if nothing was planned.
     """
     content = ViewerContent.of_program(result)
     (shown,) = content.motions.values()
@@ -196,7 +196,7 @@ def draw_program(result: ProgramResult, file: str | Path) -> None:
 
 
 def _clearances(setup: SafeSetup, path: FloatArray) -> dict[str, FloatArray]:
-    """Return the clearance [m] at equal steps of a path, from what is dangerous and from things, if there are any."""
+    """Return clearances [m] at equal steps of a path, separately from dangerous and from other obstacles, if any."""
     curve = Curve(setup.robot, path)
     samples = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS))
     distances = np.array([setup.checker.distances(q) for q in samples])
@@ -212,12 +212,12 @@ def _clearances(setup: SafeSetup, path: FloatArray) -> dict[str, FloatArray]:
 _CAPTION = "grey: start    colour: goal    translucent: on the way    line: path of the tip"
 _PLANNED = ", thin: before it was simplified"
 _GUTTER = 14  # [px] between panels
-# The average width of a letter, in heights of a letter.
+# The average width of a letter as a share of its height.
 _LETTER = 0.56
-# The colours of subtitles, and of the line at the bottom.
+# The colours of subtitles and of the caption.
 _DARK, _GREY = (77, 77, 77), (102, 102, 102)
 _LARGE = (760, 600)  # [px] of a panel
-# Up to this many paths have panels of equal size. Of more, two are large and the others small, four in a row.
+# Up to this many paths have panels of equal size. With more paths, the first two panels are large and the others small.
 _MOST_ALIKE = 4
 
 
@@ -230,11 +230,12 @@ def render_comparison(
     panel: tuple[int, int] | None = None,
     words: str = "",
 ) -> None:
-    """Draw the robot along a path per planner, one panel each, and save the picture as a PNG file; see `render_path`.
+    """Draw the robot along the path of each planner, one panel per planner, and save the picture; see `render_path`.
 
-    The paths are by planner, in its colour; results say their danger and clearance, too. Panels have a width and height
-    [px]; of more than four paths the first two do, and the others are half as large. Above all stand `words`. Raises
-    InputError if there is no path or one cannot be used, and SafeOmplError if Matplotlib and Pillow are not installed.
+    `paths` maps planners to paths, which are drawn in the planner's colour. For results, the panel also states danger
+    and clearance. `panel` is the width and height of a panel [px]; with more than four paths only the first two panels
+    have this size, and the others are half as large. `words` are written above all panels. Raises InputError if there
+    is no path or a path is invalid, and SafeOmplError if Matplotlib and Pillow are not installed.
     """
     styles = planner_styles(paths)
     large = panel or {1: (900, 700), 3: (620, 520)}.get(len(paths), _LARGE)
@@ -254,7 +255,7 @@ def render_comparison(
 
 
 def _facts(result: PlanResult) -> str:
-    """Return danger and clearance of a result in words, on two lines."""
+    """Describe the danger and the clearance of a result on two lines."""
     if result.report is None:
         return ""
     danger, clearance = result.report.danger, result.report.clearance
@@ -265,7 +266,7 @@ def _facts(result: PlanResult) -> str:
 
 
 def save_picture(image: Image, file: str | Path) -> None:
-    """Save a picture, (height, width, 3) of uint8, as PNG, SVG, PDF or WebP by its ending; missing folders are made."""
+    """Save an image (height, width, 3) of uint8 as PNG, SVG, PDF or WebP by file extension. Create missing folders."""
     kind = plot_kind(file)
     Path(file).parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -277,7 +278,7 @@ def save_picture(image: Image, file: str | Path) -> None:
 
 
 class _Panel(NamedTuple):
-    """A picture with a title and a subtitle, of one line or several, above it."""
+    """An image with a title and a subtitle of one or several lines above it."""
 
     image: Image
     title: str
@@ -285,21 +286,22 @@ class _Panel(NamedTuple):
 
     @property
     def letters(self) -> tuple[int, int]:
-        """How high letters of title and subtitle are [px]."""
+        """The font sizes of title and subtitle [px]."""
         width = self.image.shape[1]
         return max(18, width // 30), max(15, width // 36)
 
     @property
     def heading(self) -> int:
-        """How high title and subtitle are [px]."""
+        """The height of title and subtitle together [px]."""
         title, subtitle = self.letters
         return round(1.6 * title + 1.3 * subtitle * (1 + self.subtitle.count("\n")))
 
 
 def _panels(panels: Sequence[_Panel], words: str = "", caption: str = "") -> Any:
-    """Return one picture of Pillow: panels in rows, with a title and a subtitle above each; words above, a line below.
+    """Arrange panels in rows, with `words` above all panels and `caption` below, and return a Pillow image.
 
-    A page is as wide as two panels that are followed by smaller ones; else as panels of one size fill the rows best.
+    If smaller panels follow the first two, the page is as wide as the first two. Otherwise the number of columns is
+    chosen so that the rows are filled best.
     """
     try:
         from PIL import Image as Picture, ImageDraw
@@ -338,7 +340,7 @@ def _panels(panels: Sequence[_Panel], words: str = "", caption: str = "") -> Any
 
 
 def _font(pixels: int, style: str = "") -> Any:
-    """Return the font of Matplotlib's plots."""
+    """Load the font that Matplotlib's plots use, in a size in pixels."""
     from matplotlib import get_data_path
     from PIL import ImageFont
 
@@ -349,20 +351,20 @@ ANIMATION_ENDINGS = (".webp", ".gif")
 PANEL = (420, 380)
 RATE = 12.5  # [Hz]
 FEWEST_FRAMES = 40
-# The last frame stays for this time.
+# The last frame is shown for this time.
 _REST = 1.2  # [s]
 # The quality of WebP, from 0 to 100.
 _QUALITY = 80
-# The share of the planner's colour in its robot.
+# The share of the planner's colour in the colour of its robot.
 _TINT = 0.45
 
 
 def save_animation(content: ViewerContent, file: str | Path) -> None:
-    """Write the motions of what a view shows, side by side, as one animated picture (.webp or .gif).
+    """Write the motions of a view side by side as one animation (.webp or .gif).
 
-    A motion in time is shown in real time, with the people and things that move meanwhile. Captions say the danger and
-    how far people are; of a motion in time its speed and what bounds it. Raises InputError if there is no path, or the
-    file has another ending, and SafeOmplError if Pillow is not installed.
+    A timed motion is shown in real time, with the people and objects that move. The captions of paths state the danger
+    and the distance to people; the captions of timed motions state the speed and the active limit. Raises InputError if
+    there is no path or the extension is unknown, and SafeOmplError if Pillow is not installed.
     """
     if not content.paths:
         raise InputError("there is no path to show in motion")
@@ -387,7 +389,7 @@ def save_animation(content: ViewerContent, file: str | Path) -> None:
 
 
 def _frames(content: ViewerContent, paths: Mapping[str, FloatArray], times: FloatArray) -> Iterator[list[Image]]:
-    """Yield the pictures of all paths (F, n) at each of the times (F,) [s], with the same camera and light."""
+    """Yield the images of all paths (F, n) at each of the times (F,) [s], all with the same camera and light."""
     movers, styles = content.movers, planner_styles(paths)
     drawn = DrawnScene(content.robot, content.scene_at_start, list(paths.values()))
     obstacles = [[] if movers is None else movers.obstacles_at(t, content.scene) for t in times]
@@ -410,7 +412,7 @@ def _frames(content: ViewerContent, paths: Mapping[str, FloatArray], times: Floa
 
 
 def _captions(content: ViewerContent, name: str, way: FloatArray, shares: FloatArray) -> Sequence[str]:
-    """Return what is written above each frame of one path."""
+    """Return the captions of the frames of one path."""
     if name in content.motions:
         return [content.motions[name].remark(float(share) * content.playing_time) for share in shares]
     field = content.danger_field
@@ -425,14 +427,14 @@ def _captions(content: ViewerContent, name: str, way: FloatArray, shares: FloatA
     return captions
 
 
-# The sizes of robots [px], and the resolution of plots.
+# The size of a preview of a robot [px], and the resolution of a preview of a plot [dpi].
 _PREVIEW_SIZE, _PREVIEW_DPI = (360, 280), 60  # [px]
 
 
 def small_picture(shown: Any) -> bytes:
-    """Return a small picture as a PNG file: a robot along its path, or the plot of a report, a trajectory or a check.
+    """Return a small PNG image of a robot along its path, or of the plot of a report, a trajectory or a check.
 
-    It is empty where there is nothing to draw, or Matplotlib is not installed.
+    The result is empty if there is nothing to draw or Matplotlib is not installed.
     """
     if find_spec("matplotlib") is None:
         return b""

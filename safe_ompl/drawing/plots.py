@@ -1,8 +1,8 @@
-"""Plots of danger along paths, of speeds, and of what compares planners and paths.
+"""Plots of danger along paths, of speeds, and of comparisons of planners and paths.
 
-All functions take numbers or motions, write one picture and return it as a `matplotlib.figure.Figure`. `file` is where
-it goes: the ending of its name decides the format (PNG, SVG, PDF or WebP), and missing folders are made. `title` is the
-line above it, `dpi` are pixels per inch, where these can be chosen. Without Matplotlib they raise a SafeOmplError.
+All functions take numbers or motions, write one picture and return it as a `matplotlib.figure.Figure`. The extension of
+`file` selects the format (PNG, SVG, PDF or WebP); missing folders are created. `title` is the line above the plot,
+`dpi` the resolution in pixels per inch. All functions raise SafeOmplError if Matplotlib is not installed.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from safe_ompl.planning import Tradeoff
 from safe_ompl.planning.simplification import forced_danger
 from safe_ompl.tasks import ProgramResult
 
-# The height of a line of words, as a share of the axes.
+# The height of a line of text as a share of the axes.
 _LINE_HEIGHT = 0.08
-# A path with less clearance than this is too near, which is shaded.
+# Clearances below this are shaded as too near.
 _TOO_NEAR = 50.0  # [mm]
 _CLEARANCES = ("0.25", "0.62")
 
@@ -41,18 +41,18 @@ def plot_plan(
     title: str | None = None,
     dpi: int = DPI,
 ) -> Any:
-    """Draw the danger (S,) at equal steps of one path, and below it the clearance.
+    """Plot the danger (S,) at equal steps of one path, and below it the clearance.
 
-    The levels of start and goal are marked; the avoidable danger is shaded (see `DangerReport`).
-    Clearances (S',) [m] are given by what they are to, the most important one first. The planner decides the colour,
-    its name is the default title. Without a file only the canvas of the figure is drawn. Raises InputError if an array
-    is empty, has the wrong shape, or holds a value that is not finite.
+    The danger at start and goal is marked; the avoidable danger is shaded (see `DangerReport`). `clearance` maps kinds
+    of obstacles to clearances (S',) [m], the most important kind first. The planner determines the colour, and its name
+    is the default title. Without a file the figure is only drawn on its canvas. Raises InputError if an array is empty,
+    has the wrong shape, or holds a value that is not finite.
     """
     values = curve(danger, "danger")
     gaps = {to: 1e3 * curve(found, "clearance") for to, found in (clearance or {}).items()}
     rows = 1 + bool(gaps)
     height = 1.2 + 2.5 * rows
-    # A figure that is not arranged takes half the time.
+    # The axes are placed by hand, because Matplotlib's automatic layout doubles the drawing time.
     with page(file, 7.0, height, dpi, arranged=False) as figure:
         top, bottom = 1 - 0.35 / height, 0.55 / height
         figure.subplots_adjust(left=0.1, right=0.925, top=top, bottom=bottom, hspace=0.25)
@@ -76,7 +76,7 @@ def _draw_danger(axes: Any, values: FloatArray, colour: Colour) -> None:
     shift = 0.5 * max(0.0, _LINE_HEIGHT - abs(goal - start) / top) * top * (1 if goal >= start else -1)
     for value, name, place in ((start, "start", start - shift), (goal, "goal", goal + shift)):
         axes.axhline(value, color=GREY, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
-        # beside the axes, never over a curve
+        # The text stands beside the axes, so it never covers a curve.
         axes.text(1.01, place, name, ha="left", va="center", color=GREY)
     axes.set(ylabel=DANGER, xlim=(0.0, 1.0))
     axes.set_ylim(0.0, top)
@@ -106,11 +106,11 @@ _JOINTS = ("#0b62b4", "#b87a00", "#00876a", "#7d2f91", "#c8452b", "#596675", "#6
 def plot_motion(
     trajectory: Trajectory, file: str | Path | None, *, danger: MotionDanger | None = None, title: str | None = None
 ) -> Any:
-    """Draw a trajectory, against time.
+    """Plot a trajectory over time.
 
-    Above its speed along the path, in the colour of the cap that binds, and the caps themselves; below the velocities
-    and accelerations of its joints, and the jerks if they are limited, as shares of their limits, and the danger where
-    it is given, from `Trajectory.danger`. The default title is how long it takes.
+    The upper axes show the speed along the path, in the colour of the active limit, and all velocity limits. The lower
+    axes show the joint velocities and accelerations, and the jerks if they are limited, as shares of their limits. If
+    `danger` (from `Trajectory.danger`) is given, it is plotted last. The default title is the duration.
     """
     jerk = trajectory.limits.jerk
     rows = 3 + (jerk is not None) + (danger is not None)
@@ -138,7 +138,10 @@ def plot_motion(
 def _draw_speeds(
     axes: Any, times: FloatArray, speeds: FloatArray, bounds: Mapping[str, FloatArray], binding: Sequence[str | None]
 ) -> int:
-    """Draw ṡ (T,) in the colour of what binds, thinly the caps (T,) near it; return how many things bind."""
+    """Plot ṡ (T,) in the colour of the active limit, and all velocity limits (T,) as thin lines.
+
+    Returns the number of different active limits.
+    """
     names = list(dict.fromkeys([*bounds, *filter(None, binding), ACCELERATION]))
     colours, top = cap_colours(names), 1.25 * float(speeds.max()) or 1.0
     for name, values in bounds.items():
@@ -152,12 +155,12 @@ def _draw_speeds(
 
 
 def _span(end: float, begin: float = 0.0) -> tuple[float, float]:
-    """Return the limits of an axis from `begin` to `end`, wide enough for lines that run along its ends."""
+    """Return the limits of an axis from `begin` to `end`, with a margin for the width of lines at the ends."""
     return begin - 0.004 * (end - begin), end + 0.004 * (end - begin)
 
 
 def _draw_joints(axes: Any, times: FloatArray, shares: FloatArray, name: str) -> None:
-    """Draw values (T, n) of the joints as shares of their limits, which are marked."""
+    """Plot joint values (T, n), given as shares of their limits, and mark the limits at −1 and 1."""
     for side in (-1.0, 1.0):
         draw_limit(axes, side)
     for k, values in enumerate(shares.T):
@@ -167,7 +170,7 @@ def _draw_joints(axes: Any, times: FloatArray, shares: FloatArray, name: str) ->
 
 
 def _name_joints(figure: Any, axes: Any, names: Sequence[str]) -> None:
-    """Say below a figure which joint has which colour."""
+    """Add a legend of the joints' colours below a figure."""
     lines = [axes.plot([], [], color=_JOINTS[k % len(_JOINTS)], label=name)[0] for k, name in enumerate(names)]
     figure.legend(handles=lines, loc="outside lower center", ncols=4, fontsize=8)
 
@@ -185,7 +188,7 @@ def _draw_danger_in_motion(axes: Any, danger: MotionDanger) -> None:
 SIZE = (6.0, 2.7)
 """Width and height of the picture [inch]."""
 AXES = (0.105, 0.19, 0.87, 0.58)
-"""Left, bottom, width and height of the axes, as shares of the picture: where a cursor has to go."""
+"""Left, bottom, width and height of the axes, as shares of the picture. The browser view places its cursor by them."""
 
 
 def plot_speeds(
@@ -198,11 +201,11 @@ def plot_speeds(
     title: str = "Speed along the path",
     dpi: int = DPI,
 ) -> Any:
-    """Draw the speeds (T,) [rad/s] along a path against times (T,) [s], in the colour of what bounds it, with the caps.
+    """Plot the speeds (T,) [rad/s] along a path over times (T,) [s], in the colour of the active limit.
 
-    The bounds (T,) are the largest ṡ that each cap allows, by its name; +inf where it allows any. What binds is the
-    name of the cap that the speed reaches, T times; None where accelerations bind. Without a file only the canvas of
-    the figure is drawn. Raises InputError if lengths differ, there is nothing to draw, or a value is not finite.
+    `bounds` maps the names of velocity limits to the largest ṡ (T,) that each limit allows; +inf if it allows any ṡ.
+    `binding` holds T names of active limits; None stands for an acceleration limit. Without a file the figure is only
+    drawn on its canvas. Raises InputError if lengths differ, there is nothing to draw, or a value is not finite.
     """
     t, s = curve(times, "times"), curve(speeds, "speeds")
     caps = {name: np.asarray(values, dtype=float) for name, values in bounds.items()}
@@ -214,14 +217,14 @@ def plot_speeds(
         axes.set(xlabel="time [s]", xlim=(0.0, float(t[-1])))
         figure.text(AXES[0], 0.93, title, weight="bold", fontsize=12)
         figure.text(0.985, 0.93, f"{t[-1]:.2f} s", ha="right", color=GREY, fontsize=12)
-        # Four names of limits just fit into the axes.
+        # The names of four limits only fit in a smaller font.
         small = 8.5 if used < 4 else 7.5
         add_legend_above(axes, small, handlelength=1.0, handletextpad=0.5, columnspacing=1.0)
     return figure
 
 
 def _joined(values: FloatArray, chosen: Any) -> FloatArray:
-    """Return values where chosen or just after, NaN elsewhere, so that the pieces of a line meet."""
+    """Return values where `chosen`, and one value after each chosen part so that lines connect; NaN elsewhere."""
     shown = chosen | np.concatenate([[False], chosen[:-1]])
     return np.where(shown, values, np.nan)
 
@@ -231,18 +234,18 @@ _DERIVATIVES = ("position", "velocity", "acceleration")
 
 
 def plot_check(check: MotionCheck, file: str | Path | None, *, title: str | None = None) -> Any:
-    """Draw what was checked of a motion; what is not proven is shaded.
+    """Plot the result of a check of a motion. Violations are shaded.
 
-    Joints as shares of their limits (1 is the upper one, −1 the lower one), positions and, where limits were checked,
-    velocities and accelerations; below the distance of the pair that has least to spare, and what it must keep. The
-    default title says what is proven.
+    The upper axes show joint positions as shares of their limits (1 is the upper limit, −1 the lower limit), and
+    velocities and accelerations if their limits were checked. The lowest axes show the distance of the pair with the
+    smallest margin, and its required distance [mm]. The default title states whether the motion is proven.
     """
     motion, proof, limits = check.motion, check.proof, check.limits
     robot = proof.checker.robot
     times = np.linspace(motion.times[0], motion.times[-1], _CHECKED)
     Q = motion.at(times)
     around = np.where(robot.continuous, (Q + np.pi) % (2 * np.pi) - np.pi, Q)
-    around[1:][robot.continuous & (np.abs(np.diff(around, axis=0)) > np.pi)] = np.nan  # steps of whole turns
+    around[1:][robot.continuous & (np.abs(np.diff(around, axis=0)) > np.pi)] = np.nan  # full turns
     middle, half = 0.5 * (robot.upper + robot.lower), 0.5 * (robot.upper - robot.lower)
     shares = [(around - middle) / np.where(half > 0, half, 1.0)]
     if limits is not None:
@@ -257,7 +260,7 @@ def plot_check(check: MotionCheck, file: str | Path | None, *, title: str | None
         _name_joints(figure, every[0], robot.joint_names)
         _draw_distances(every[-1], times, Q, proof)
         every[-1].set(xlabel="time [s]" if motion.timed else "way point", xlim=_span(times[-1], times[0]))
-        # Violations are shaded, short ones a little wider than they are.
+        # The shading of short violations is widened so that it is visible.
         for found in check.violations:
             room = max(0.0, 0.5 * (0.004 * motion.duration - (found.last - found.first)))
             for axes in every:
@@ -269,7 +272,7 @@ def plot_check(check: MotionCheck, file: str | Path | None, *, title: str | None
 
 
 def _draw_distances(axes: Any, times: FloatArray, Q: FloatArray, proof: MotionProver) -> None:
-    """Draw the distances of the pairs with least to spare, to obstacles and between links, and what they must keep."""
+    """Plot distance and required distance of the pairs with the smallest margins, to obstacles and between links."""
     checker = proof.checker
     distances = 1e3 * np.array([checker.pair_distances(q) for q in Q])
     required = 1e3 * proof.separation.required(checker).least[: distances.shape[1]]
@@ -295,7 +298,7 @@ _LINE_LETTERS = 44  # letters of a step
 
 
 def plot_program(result: ProgramResult, file: str | Path | None, *, dpi: int = DPI) -> Any:
-    """Draw when a program does which step, one below the other; steps without motion are lines."""
+    """Plot the time span of each step of a program as a bar. Steps without motion are drawn as lines."""
     steps = () if result.scenario.program is None else result.scenario.program.steps
     colours = cap_colours(step.kind for step in steps)
     with page(file, 7.5, 1.2 + 0.4 * max(len(steps), 10), dpi) as figure:
@@ -312,7 +315,7 @@ def plot_program(result: ProgramResult, file: str | Path | None, *, dpi: int = D
     return figure
 
 
-# The bands of up to this many planners can be told apart in one plot.
+# At most this many planners share one plot, because more bands cannot be told apart.
 _MOST_IN_AXES = 4
 _COLUMNS = 4  # of small axes
 _BAND = (15, 85)  # [%] of the runs
@@ -321,11 +324,11 @@ _BAND = (15, 85)  # [%] of the runs
 def plot_profiles(
     profiles: Mapping[str, FloatArray], file: str | Path, *, title: str = "Mean danger along the path"
 ) -> Any:
-    """Draw the mean danger profile of each planner, with a band of 15 to 85 % of the runs (after Figs. 7 and 11).
+    """Plot the mean danger profile of each planner, with a band of 15 to 85 % of the runs (after Figs. 7 and 11).
 
-    Profiles are arrays (R, S): danger at S equal steps of the path, one row for each of R runs; no rows if none was
-    solved. Up to four planners share one axes. Of more the first two have large axes, and each other one has small axes
-    of its own, with the mean of the first planner.
+    Profiles are arrays (R, S): the danger at S equal steps of the path, with one row for each of R solved runs. Up to
+    four planners share one plot. With more planners, the first two share the large plot, and each other planner has a
+    small plot of its own, which also shows the mean of the first planner.
     """
     first, *others = profiles
     large = [first, *others] if len(profiles) <= _MOST_IN_AXES else [first, others[0]]
@@ -356,7 +359,7 @@ def plot_profiles(
 
 
 def _draw_profile(axes: Any, name: str, runs: FloatArray, style: PlannerStyle) -> Any:
-    """Draw the mean of profiles (R, S) and their band, and return the line."""
+    """Plot the mean of profiles (R, S) and their band, and return the line of the mean."""
     along = np.linspace(0.0, 1.0, runs.shape[-1])
     low, high = np.percentile(runs, _BAND, axis=0) if len(runs) else ([], [])
     if len(runs):
@@ -374,7 +377,10 @@ def _draw_profile(axes: Any, name: str, runs: FloatArray, style: PlannerStyle) -
 
 
 def plot_tradeoff(front: Tradeoff, file: str | Path | None, *, title: str = "What safety costs") -> Any:
-    """Draw mean danger over length of the paths of a front, and beside it the danger along each; not if it is empty."""
+    """Plot mean danger over length for the paths of a front, and on the right the danger along each path.
+
+    Raises InputError if the front has no path.
+    """
     reports = [result.report for result in front.results if result.report is not None]
     measured = [(report, report.danger) for report in reports if report.danger is not None]
     if not measured:
