@@ -1,4 +1,4 @@
-"""Key points of people: skeletons as trackers give them, recordings of them, and the limbs of a body between them."""
+"""Key points of people: skeletons of trackers, recordings of key points, and the limbs of a body between them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, UnknownNameError, files, float_array, number
 from safe_ompl.geometry import LIMBS, STANDING
 
-# The key points of the package's body model, and the middle of its hips.
+# The key points of the package's body model: those of `STANDING`, and the middle of the hips.
 KEYPOINTS: tuple[str, ...] = (*STANDING, "pelvis")
 
 _Z_UP = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -22,23 +22,23 @@ _Z_UP = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 @dataclass(frozen=True)
 class Skeleton:
-    """A skeleton of key points as one tracker gives it."""
+    """The key points of one tracker, and their relation to the key points of this package."""
 
     name: str  # Such as "coco17"
     # The J key points, in the tracker's order.
     points: tuple[str, ...]
-    # For key points of our body the tracker's points whose mean they are; the others the tracker does not see
+    # Maps a key point of `KEYPOINTS` to the tracker's points whose mean it is. The tracker does not see the others.
     sources: Mapping[str, tuple[str, ...]] = field(hash=False)
     # The length of the tracker's unit [m].
     scale: float = 1.0
-    # Its axes in a frame with x forward, y to the left and z up: the rows are x, y, z
+    # The tracker's axes in a frame with x forward, y left, z up: the rows are x, y, z.
     axes: tuple[tuple[float, ...], ...] = _Z_UP
 
     def keypoints(self, points: ArrayLike) -> FloatArray:
-        """Return the key points of our body (18, 3) [m], x forward, y left, z up, in the order of `KEYPOINTS`.
+        """Convert the tracker's points to key points (18, 3) [m], x forward, y left, z up, in the order of `KEYPOINTS`.
 
-        `points: (J, 3)` are what the tracker gave, in its units and axes; NaN: not seen. Raises InputError if the shape
-        is another, or a key point is infinite or NaN in part.
+        `points: (J, 3)` are in the tracker's unit and axes; NaN: not seen. Raises InputError for another shape, or if a
+        key point is infinite or has NaN in some coordinates only.
         """
         given = float_array(points, (len(self.points), 3), f"key points of {self.name}")
         seen = np.isfinite(given).all(axis=1)
@@ -55,7 +55,7 @@ class Skeleton:
 
     @cached_property
     def _rows(self) -> list[tuple[IntArray, IntArray]]:
-        """Key points of our body (K,), and the points (K, S) whose mean they are, for each number S of these."""
+        """For each number S: indices of key points (K,), and of the S tracker's points (K, S) whose mean each is."""
         rows = [
             (k, [self.points.index(source) for source in self.sources[name]])
             for k, name in enumerate(KEYPOINTS)
@@ -66,7 +66,7 @@ class Skeleton:
 
 
 def _read(name: str, said: Mapping[str, Any]) -> Skeleton:
-    """Return a skeleton as `skeletons.yaml` has it; ``{side}`` stands for left and right."""
+    """Return the skeleton of an entry of `skeletons.yaml`; ``{side}`` stands for left and right."""
     sources = {ours: tuple(theirs) for ours, theirs in said["sources"].items()}
     for ours, theirs in said["both_sides"].items():
         sources |= {f"{side}_{ours}": (theirs.format(side=side),) for side in ("left", "right")}
@@ -79,7 +79,7 @@ with files.reading(Path(__file__).with_suffix(".yaml")) as _known:
 
 
 def find_skeleton(name: str) -> Skeleton:
-    """Return the skeleton of this name, or raise UnknownNameError that lists those that there are."""
+    """Return the skeleton of this name, or raise UnknownNameError, which lists the known skeletons."""
     try:
         return SKELETONS[name]
     except (KeyError, TypeError):
@@ -120,11 +120,11 @@ UPRIGHT: FloatArray = np.array([*STANDING.values(), PELVIS])
 class TrackedBody:
     """A person's body whose limbs are capsules between tracked key points.
 
-    Key points that were never seen are assumed. A hand is somewhere in the ball about its wrist that it can reach. The
-    others are where a body that stands upright has them, relative to the next known joint, turned to where shoulders or
-    hips face.
+    Key points that were never seen are assumed. A hand is assumed anywhere in the ball about its wrist with the length
+    of the hand. The other key points are placed relative to the next known key point as in an upright body, rotated to
+    the direction in which shoulders or hips face.
 
-    Raises InputError if the height is not a person's, or there is no limb of a name.
+    Raises InputError if the height is out of range, or a limb has an unknown name.
     """
 
     # The height, from 0.3 to 2.8 [m]. Radii and assumed lengths follow from it.
@@ -144,14 +144,14 @@ class TrackedBody:
         return tuple(name for name in LIMBS if not self.only or name in self.only)
 
     def radii(self, ends: FloatArray) -> FloatArray:
-        """Return the radii (M,) of the limbs with these ends (M, 2, 3); a hand without a length is a ball [m]."""
+        """Return the radii (M,) [m] of limbs with ends (M, 2, 3); a hand of length 0 is a ball that holds any pose."""
         short = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) == 0
         thin, hands = self._radii
         return np.asarray(thin + np.where(short, hands, 0.0))
 
     @cached_property
     def _radii(self) -> tuple[FloatArray, FloatArray]:
-        """Radii of the limbs, and how much larger the ball of a hand is that is somewhere about its wrist (M,)."""
+        """Radii of the limbs (M,), and the increase of the radius for a hand in an unknown direction (M,) [m]."""
         hand = self.height * float(np.linalg.norm(STANDING["left_hand"] - STANDING["left_wrist"]))
         thin = [LIMBS[name][2] * self.height for name in self.limbs]
         return np.array(thin), np.array([hand if name.endswith("hand") else 0.0 for name in self.limbs])
@@ -162,13 +162,14 @@ class TrackedBody:
         return np.array([[_weights(end) for end in LIMBS[name][:2]] for name in self.limbs])
 
     def ends(self, keypoints: FloatArray) -> FloatArray:
-        """Return the ends (M, 2, 3) of the limbs, `keypoints: (18, 3)` all known but the pelvis [m]."""
+        """Return the ends (M, 2, 3) [m] of the limbs from `keypoints: (18, 3)`; only the pelvis may be unknown."""
         return np.asarray(self.weights @ keypoints[: len(STANDING)])
 
     def completed(self, keypoints: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return the key points (18, 3) with those that are NaN assumed, and on which one each rests (18,).
+        """Return key points (18, 3) with assumed positions in place of NaN, and the source of each key point (18,).
 
-        Raises InputError if none of head, shoulders, hips and pelvis is known.
+        The source is the index of the known key point from which a position follows. Raises InputError if none of head,
+        shoulders, hips and pelvis is known.
         """
         points = keypoints.copy()
         rests: IntArray = np.arange(len(KEYPOINTS))
@@ -193,7 +194,7 @@ _INDEX = {name: k for k, name in enumerate(KEYPOINTS)}
 
 
 def _weights(end: str) -> FloatArray:
-    """Return how a limb's end is made of the key points."""
+    """Return the weights (17,) of the key points whose mean is a limb's end."""
     if end == "chest":
         return (1 - _CHEST) * _weights("shoulders") + _CHEST * _weights("pelvis")
     weights = np.zeros(len(STANDING))
@@ -205,7 +206,7 @@ def _weights(end: str) -> FloatArray:
 
 @lru_cache(64)
 def _order(known: tuple[bool, ...]) -> list[str]:
-    """Return the key points that are not known, each after one that it can hang on."""
+    """Return the unknown key points in an order in which each follows a key point that it can be placed from."""
     have = {name for name, k in _INDEX.items() if known[k]}
     missing = [name for name in STANDING if name not in have]
     order: list[str] = []
@@ -222,7 +223,7 @@ def _order(known: tuple[bool, ...]) -> list[str]:
 
 
 def facing(points: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) about z from a body that faces x to one whose shoulders or hips are where they are."""
+    """Return the rotation (3, 3) about z from a body that faces x to the body with these shoulders or hips."""
     for pair in ("shoulder", "hip"):
         across = points[_INDEX[f"left_{pair}"]] - points[_INDEX[f"right_{pair}"]]
         length = float(np.hypot(across[0], across[1]))
@@ -234,7 +235,7 @@ def facing(points: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Recording:
-    """One clip of a person."""
+    """A recording of the key points of one person."""
 
     # The names and axes of its key points.
     skeleton: Skeleton
@@ -248,7 +249,7 @@ class Recording:
 
     @classmethod
     def load(cls, file: str | Path, clip: str = "clip_0") -> Recording:
-        """Read a clip; an InputError names file and key of what cannot be used, or lists the clips that there are."""
+        """Read a clip from a file; an InputError names the file and the invalid key, or lists the clips in the file."""
         path = Path(file)
         arrays = files.read_arrays(path)
         for key in ("names", "rate"):
@@ -271,11 +272,11 @@ class Recording:
 
     @property
     def duration(self) -> float:
-        """How long it plays [s]."""
+        """Duration [s]."""
         return (len(self.frames) - 1) / self.rate
 
     def at(self, time: float) -> FloatArray:
-        """Return the key points (J, 3) at a time [s], linear between frames; it plays back and forth for ever."""
+        """Return the key points (J, 3) at a time [s], linear between frames, played forwards and backwards in turn."""
         last = len(self.frames) - 1
         if last == 0:
             return np.asarray(self.frames[0])

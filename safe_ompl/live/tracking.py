@@ -1,4 +1,4 @@
-"""Tracked people and objects: their last measurements, the ages of these, and who broke the reach model."""
+"""Tracking of people and objects: last measurements, their ages, reach sets, and violations of the reach sets."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _LEAST_GRID_EDGE = 0.01  # [m]
 
 @dataclass(frozen=True)
 class Tracker(Section):
-    """How a person is tracked.
+    """Options for tracking one person.
 
     Examples
     --------
@@ -54,10 +54,10 @@ class Tracker(Section):
 
 
 class PersonTrack:
-    """A person as the sensor has seen them so far.
+    """The measurements of one person so far.
 
-    A key point that is not seen keeps its place, and its age grows. One that was never seen is assumed, as
-    `TrackedBody` says.
+    A key point that is not seen keeps its last position, and its age grows. A key point that was never seen is assumed
+    (see `TrackedBody`).
     """
 
     def __init__(self, name: str, tracker: Tracker, people: People) -> None:
@@ -84,10 +84,10 @@ class PersonTrack:
         return self._completed
 
     def observe(self, points: ArrayLike | None, time: float) -> ReachViolation | None:
-        """Take the measurement of a time [s], and return the limb that broke the reach model, if there is one.
+        """Take the measurement of a time [s]; return the limb that is farthest outside its reach set, or None.
 
-        Key points (J, 3) are as the skeleton has them; NaN, or None for all of them: not seen. Raises InputError if the
-        time goes backwards, or as `Skeleton.keypoints`.
+        Key points (J, 3) are in the order, axes and unit of the skeleton. NaN: not seen; None: no key point is seen.
+        Raises InputError if the time goes backwards; other errors as `Skeleton.keypoints`.
         """
         if time < self.time:
             raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", self.name)
@@ -114,7 +114,7 @@ class PersonTrack:
         return ReachViolation(self.name, promised.names[worst][1], float(excess[worst]))
 
     def sets(self) -> ReachSets:
-        """Return the reach sets of the limbs from the time of the last measurement on; errors as `measured`."""
+        """Return the reach sets of the limbs since the time of the last measurement; errors as `measured`."""
         if self._sets is None:
             ends, ages = self.measured()
             body, growth = self.tracker.body, np.column_stack([self.tracker.noise + self.speeds * ages, self.speeds])
@@ -134,9 +134,9 @@ class PersonTrack:
 
 
 class ObjectTrack:
-    """An object that moves: the hulls of its parts, none of whose points is faster than a bound [m/s].
+    """The measurements of one moving object, as hulls of its parts; `speed` bounds the speed of their points [m/s].
 
-    At the first pose it counts as unseen. Raises InputError if the bound is none.
+    The pose in the scene does not count as a measurement. Raises InputError if the speed is negative or not finite.
     """
 
     def __init__(self, obstacle: Obstacle, speed: float) -> None:
@@ -147,16 +147,16 @@ class ObjectTrack:
 
     @property
     def pose(self) -> pin.SE3:
-        """Where it was seen last."""
+        """The last measured pose in the world."""
         return self.obstacle.pose.se3
 
     @property
     def age(self) -> float:
-        """How long ago it was seen [s]."""
+        """Age of the last measurement [s]."""
         return self.time - self.seen
 
     def observe(self, place: Any, time: float) -> ReachViolation | None:
-        """Take where it was seen, or None; as `PersonTrack.observe`."""
+        """Take the pose measured at a time [s], None: not seen; result and errors as `PersonTrack.observe`."""
         if time < self.time:
             raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", self.name)
         violation = None
@@ -173,16 +173,16 @@ class ObjectTrack:
         return self.obstacle.moved(Pose.of(place))
 
     def _way_to(self, moved: Obstacle) -> float:
-        """Return how far its points went at least [m]."""
+        """Return the largest distance that a point moved [m], for clouds a lower bound."""
         pairs = zip(self.points_at(moved.pose.se3), self.points_at(self.pose), strict=True)
         return max(float(np.linalg.norm(new - old, axis=1).max()) for new, old in pairs)
 
     def points_at(self, pose: pin.SE3) -> list[FloatArray]:
-        """Return the points (K, 3) of its parts, where it is at a pose [m]."""
+        """Return the hull points (K, 3) of each part in the world [m] for a pose of the object."""
         return [placed(pose, hull.points) for hull in self._hulls]
 
     def sets(self) -> ReachSets:
-        """Return where it may be from the time of the last measurement on."""
+        """Return the reach sets of the parts since the time of the last measurement."""
         found = ReachSets.none()
         growth = np.array([[self.speed * self.age, self.speed]])
         for points, hull in zip(self.points_at(self.pose), self._hulls, strict=True):
@@ -191,17 +191,17 @@ class ObjectTrack:
 
 
 class CloudTrack(ObjectTrack):
-    """A cloud that moves: each point of its balls is no faster than a bound [m/s]; its points are others each time.
+    """The measurements of a moving point cloud whose points change with each measurement.
 
-    A point that is new counts as farther than promised if it is so from all that were seen before, beyond the sizes of
-    the cells in which they are kept.
+    `speed` bounds the speed of its points [m/s]. A new point violates the bound if it is too far from all points of the
+    previous measurement, allowing for the size of the balls that stand for the points.
     """
 
     def _moved(self, place: Any) -> Obstacle:
         return self.obstacle.moved(place)
 
     def _balls(self, obstacle: Obstacle) -> tuple[FloatArray, float]:
-        """Return centres (M, 3) in the world and the radius of balls that hold those of the cloud [m]."""
+        """Return centres (M, 3) in the world and the radius of balls that contain the balls of the cloud [m]."""
         shape = obstacle.shape
         assert isinstance(shape, PointCloud)
         centres, radius = ball_cover(placed(obstacle.pose.se3, shape.centres), _MOST_BALLS)
@@ -220,7 +220,7 @@ class CloudTrack(ObjectTrack):
 
 
 def ball_cover(points: FloatArray, most: int) -> tuple[FloatArray, float]:
-    """Return a limited number of balls, centres (M, 3) and one radius [m], that contain points (N, 3)."""
+    """Return at most `most` balls that contain points (N, 3): their centres (M, 3) and one radius [m]."""
     edge, cells = _LEAST_GRID_EDGE, np.floor(points / _LEAST_GRID_EDGE).astype(np.int64)
     while True:
         low, extent = cells.min(axis=0), np.ptp(cells, axis=0) + 1
@@ -232,27 +232,27 @@ def ball_cover(points: FloatArray, most: int) -> tuple[FloatArray, float]:
 
 
 class Surroundings:
-    """What is around a robot: still obstacles, and all people and objects that move, each with its track.
+    """The surroundings of a robot: still obstacles, and a track for each moving person and object.
 
-    `sets` are where all may be from the `time` of the last measurement on [s] (−inf: there was none); none until all
-    were seen. `still` are the obstacles that stand still.
+    `time` is the time of the last measurement [s], −inf before the first one. `sets` are the reach sets of all people
+    and objects since that time; they are empty until all were seen. `still` is the scene of the still obstacles.
 
     Parameters
     ----------
     scene : Scene
-        All obstacles. Those that are named in `trackers` or `objects` move; the others stand still.
+        All obstacles. Obstacles named in `trackers` or `objects` move; the others stand still.
     trackers : mapping of str to Tracker, optional
-        The people that are tracked, and how. They need not be obstacles of the scene.
+        Tracking options of each person by name. People need not be obstacles of the scene.
     objects : mapping of str to float, optional
-        Obstacles of the scene that move, and bounds of their speeds [m/s].
+        Names of moving obstacles of the scene, and bounds of their speeds [m/s].
     people : People, optional
-        How far people go, the clearance from the robot that must be left, and
-        whether the robot may touch people at speeds that they bear.
+        Speeds of people, the clearance that the robot must keep, and whether the robot may touch people at speeds that
+        they tolerate.
 
     Raises
     ------
     InputError
-        If an object is no obstacle of the scene, or a person, too.
+        If an object is no obstacle of the scene, or is also a person.
 
     Examples
     --------
@@ -278,7 +278,7 @@ class Surroundings:
             name: CloudTrack if isinstance(shape, PointCloud) else ObjectTrack for name, shape in self.shapes.items()
         }
         self.objects = {name: kinds[name](scene[name], speed) for name, speed in objects.items()}
-        # Their sets come last: how many they are, and which, changes
+        # The reach sets of clouds come last, because their number changes.
         self.clouds = tuple(name for name, track in self.objects.items() if isinstance(track, CloudTrack))
         self.scene = scene.without(*(name for name in scene.names if name in trackers))
         self.still = self.scene.without(*objects)
@@ -295,7 +295,7 @@ class Surroundings:
 
     @property
     def known(self) -> bool:
-        """Whether everybody and everything was seen."""
+        """Whether every person and object was seen at least once."""
         seen = all(track.keypoints is not None for track in self.people.values())
         return seen and all(np.isfinite(track.seen) for track in self.objects.values())
 
@@ -319,14 +319,14 @@ class Surroundings:
         }
 
     def seen(self) -> dict[str, Any]:
-        """Return the last measurements as plain data, see `who_is_where`; without people who were never seen."""
+        """Return the last measurements as plain values (`who_is_where`), without people who were never seen."""
         people = {name: track.keypoints for name, track in self.people.items()}
         return who_is_where(people, {name: thing.pose for name, thing in self.objects.items()})
 
     def update(
         self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
     ) -> list[ReachViolation]:
-        """Take what sensors saw; see `CommandProver.update`."""
+        """Take the measurements of a time [s]; see `CommandProver.update`."""
         document.number("time", time)
         if time < self.time:
             raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", "time")
@@ -350,12 +350,12 @@ class Surroundings:
         return list(self._violations)
 
     def take_over(self, before: Surroundings) -> None:
-        """Know from now on what others knew, of the same people and objects among other still obstacles."""
+        """Take the tracks and reach sets of other surroundings with the same people and objects."""
         self.people, self.objects = before.people, before.objects
         self.time, self.sets, self._violations = before.time, before.sets, before._violations
 
     def trouble(self, time: float, lost_after: float) -> str | None:
-        """Return in words who broke the reach model or is lost, so that the robot must stop; else None."""
+        """Return why the robot must stop: who is lost or left their reach set; None if there is no such reason."""
         for name, track in self._tracks.items():
             age = time - self.time + track.age
             if age > lost_after:
@@ -364,7 +364,7 @@ class Surroundings:
 
 
 def who_is_where(people: Mapping[str, FloatArray | None], objects: Mapping[str, pin.SE3]) -> dict[str, dict[str, Any]]:
-    """Return key points (18, 3) of people and poses of objects, as a tick (`safe_ompl.io.ticks`) has them [m]."""
+    """Return key points (18, 3) [m] of people and poses of objects in the form of a tick (`safe_ompl.io.ticks`)."""
     poses = {name: Pose.of(place) for name, place in objects.items()}
     return {
         "people": {

@@ -1,9 +1,9 @@
 """Ladder graphs: the branches of the inverse kinematics for a whole tool path, chosen by dynamic programming.
 
-Rungs are poses of the curve. A strand is a sequence of solutions of the inverse kinematics, one at each rung: Newton's
-method begins at the solution of the rung before. Where the task leaves joints free, a null-space motion reduces the
-danger. A strand ends at a joint limit, in a collision, or where the arm would jump. The cheapest path runs along
-strands, and changes from one strand to another where two are near each other.
+A rung is a pose of the curve. A strand is a sequence of solutions of the inverse kinematics, one at each rung. Newton's
+method begins at the solution of the previous rung. If the robot is redundant for the task, a null-space motion reduces
+the danger. A strand ends at a joint limit, in a collision, or where the arm would jump. The cheapest path follows
+strands, and may change to another strand where two strands are near each other.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from safe_ompl.common import BoolArray, FloatArray, IntArray
 from safe_ompl.danger import DangerField
 from safe_ompl.robot import METRES_PER_RADIAN, Frames, Tip
 
-# The accuracy of the nodes. A radian counts METRES_PER_RADIAN.
+# The accuracy of the nodes; a radian counts METRES_PER_RADIAN.
 PRECISION = 1e-7  # [m]
-# Iterations of Newton's method from a random configuration, and from the rung before.
+# Iterations of Newton's method from a random configuration, and from the previous rung.
 _SEARCH, _FOLLOW = 30, 6
 # A joint moves at most this far between rungs.
 _JUMP = 0.35  # [rad or m]
@@ -32,7 +32,7 @@ _EQUAL_NODES = 0.05  # [rad or m]
 _DESCENT = 0.2  # [rad or m]
 # The longest null-space motion between rungs.
 _DRIFT = 0.1  # [rad or m]
-# The number of null-space motions away from danger before a strand is followed.
+# The number of null-space steps that reduce the danger of a new node before its strand is followed.
 _DESCENTS = 8
 # Clearances below this one have a cost.
 _CLEAR = 0.05  # [m]
@@ -43,19 +43,19 @@ _DANGER = 30.0
 
 @dataclass
 class Ends:
-    """Why strands ended: the largest parameter [m] that was reached, and the reason in words."""
+    """The reason why strands ended: the largest curve parameter [m] that was reached, and a message."""
 
     reached: float = 0.0
     why: str = "no configuration has its tip there"
 
     def note(self, s: float, why: str) -> None:
-        """Keep the reason of the strand that came farthest."""
+        """Store the reason if its strand came farthest."""
         if s >= self.reached:
             self.reached, self.why = s, why
 
 
 class LadderPath(NamedTuple):
-    """How many rungs a path along the ladder reaches; if all, its nodes (R, n) and the strand of each (R,)."""
+    """A path along the ladder: the number of rungs reached; if all, its nodes (R, n) and their strands (R,)."""
 
     reached: int
     nodes: FloatArray | None = None
@@ -95,7 +95,7 @@ class Costs:
         return _DANGER / (self._scale or 1.0)
 
     def downhill(self, Q: FloatArray) -> FloatArray:
-        """Return −∇danger/‖∇danger‖ (B, n), 0 where there is none."""
+        """Return −∇danger/‖∇danger‖ (B, n); 0 where the gradient is 0, and without a danger field."""
         if self.field is None:
             return np.zeros_like(Q)
         gradients = self.field.gradients(Q)
@@ -104,20 +104,20 @@ class Costs:
 
 
 class Ladder:
-    """The ladder graph of one smooth stretch of a tool path.
+    """The ladder graph of a tool path.
 
     Parameters
     ----------
     tip : Tip
-        The tip.
+        The tip, with its robot.
     checker : CollisionChecker
-        Robot and scene.
+        Collision checker of the robot in the scene.
     costs : Costs
-        Of nodes.
+        Costs of nodes.
     s : ndarray, shape (R,)
-        Parameters of the rungs [m].
+        Curve parameters of the rungs [m].
     frames : Frames
-        Their poses.
+        Frames of the curve at the rungs.
     """
 
     def __init__(self, tip: Tip, checker: CollisionChecker, costs: Costs, s: FloatArray, frames: Frames) -> None:
@@ -131,12 +131,12 @@ class Ladder:
         self.ends = Ends()
 
     def begin(self, start: FloatArray) -> None:
-        """Add the strand from a start (n,), where every path must begin."""
+        """Add the strand from a start configuration (n,); every path must begin there."""
         self._start = start
         self._follow(start[None], 0)
 
     def grow(self, rng: np.random.Generator, rung: int, seeds: int) -> None:
-        """Add strands through a rung; its solutions are found from random configurations."""
+        """Solve the inverse kinematics at a rung from `seeds` random configurations, and add strands through them."""
         robot = self._tip.robot
         given = rng.uniform(robot.lower, robot.upper, (seeds, robot.n))
         found, arrived = self._tip.solved(given, self._at(rung, seeds), PRECISION, _SEARCH)
@@ -149,7 +149,7 @@ class Ladder:
         self._follow(self._distinct(self._descended(self._distinct(found[arrived], rung), rung), rung), rung)
 
     def cheapest(self) -> LadderPath:
-        """Return the cheapest path along the rungs, as far as there is one."""
+        """Return the cheapest path over all rungs, by dynamic programming, or the number of rungs it can reach."""
         nodes = self._nodes
         rungs, strands, _ = nodes.shape
         weights, shares = self._weights, np.diff(self.s) / (self.s[-1] - self.s[0])
@@ -179,7 +179,7 @@ class Ladder:
         return LadderPath(rungs, nodes[np.arange(rungs), chosen], chosen)
 
     def remove(self, rung: int, strand: int) -> None:
-        """Remove a node at which no path could be proven."""
+        """Remove a node at which the proof of a path failed."""
         self._weights[rung, strand] = np.inf
 
     def _at(self, rung: int, count: int) -> Frames:
@@ -233,7 +233,10 @@ class Ladder:
         self._weights = np.concatenate([self._weights, weights], axis=1)
 
     def _step(self, Q: FloatArray, last: int, rung: int) -> tuple[FloatArray, BoolArray]:
-        """Return configurations (B, n) at the next rung, and which of them (B,) are free and near to those before."""
+        """Follow configurations (B, n) from rung `last` to `rung`; return those there, and which (B,) are usable.
+
+        A configuration is usable if it is free and no joint jumps.
+        """
         frames = self._at(rung, len(Q))
         _, jacobians = self._tip.task(self._tip.at(Q), self._at(last, len(Q)))
         drift = self._tip.null_motion(jacobians, _DRIFT * self._costs.downhill(Q))
@@ -252,7 +255,7 @@ class Ladder:
         return found, kept
 
     def _obstacle_of(self, q: FloatArray, rung: int, arrived: bool) -> str:
-        """Return in words why a strand ends at `q: (n,)` before a rung: a jump, joints at limits, or a singularity."""
+        """Return the reason why a strand ends at `q: (n,)` before a rung: a jump, joint limits, or a singularity."""
         if arrived:
             return "the arm would jump to another branch of its inverse kinematics"
         robot, (low, high) = self._tip.robot, self._tip.limits

@@ -1,4 +1,4 @@
-"""Result of planning a program: stretches of one motion, each with its robot, its scene and its proof."""
+"""Result of planning a program: parts of one motion, each with its robot, its scene and its proof."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from safe_ompl.scene import Scenario, Scene
 
 @dataclass(frozen=True)
 class Stretch:
-    """A motion of a program without a change of robot or scene, and its proof.
+    """A part of a program's motion during which robot and scene do not change, with its proof.
 
     Attributes
     ----------
     step : int
-        Number of its step, from 0.
+        Index of the step, from 0.
     begin : float
-        When it begins in the program [s].
+        Time in the program at which the stretch begins [s].
     check : MotionCheck
-        Its motion, from its own time 0 on, and what is proven of it: `check.proof.checker` has robot and scene.
+        The motion, whose own time begins at 0, and its proof; `check.proof.checker` has robot and scene.
     curve : Motion or None
-        The path of all joints, for a controller that executes it with another time law; None where the robot waits.
+        The path of all joints, for controllers with a time law of their own; None while the robot waits.
     joints : tuple of str
-        The joints that the step may move: those of its arm, or all.
+        The joints that the step may move: the joints of its arm, or all joints.
     """
 
     step: int
@@ -63,13 +63,13 @@ class ProgramResult:
     scenario : Scenario
         The scenario that was planned.
     stretches : tuple of Stretch
-        In order. If the program is not solved, those of the longest beginning that was planned.
+        The stretches in order. If the program is not solved, the stretches of the longest partial plan.
     choices : tuple of str
         Grasps and places that were chosen, such as "grasp 2 of cube".
     why : str
-        Which step cannot be planned, and why; empty if the program is solved.
+        The step that cannot be planned, and the reason; empty if the program is solved.
     planning_time : float
-        [s].
+        Duration of planning [s].
 
     Examples
     --------
@@ -94,7 +94,7 @@ class ProgramResult:
 
     @cached_property
     def motion(self) -> Motion:
-        """All stretches as one motion in time, the joints of grippers among its joints."""
+        """All stretches as one motion in time of all joints, including gripper joints."""
         if not self.stretches:
             raise InputError("there is no motion: nothing was planned")
         size = max(stretch.motion.degree for stretch in self.stretches) + 1
@@ -110,7 +110,7 @@ class ProgramResult:
         return Motion(np.concatenate(times), np.concatenate(coefficients), names, rounding=np.concatenate(allowance))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the result as plain data: its motion, if there is one, steps, choices and stretches."""
+        """Return the result as a dict of plain values: the motion, if there is one, steps, choices and stretches."""
         steps = () if self.scenario.program is None else self.scenario.program.steps
         said = self.motion.to_mapping() if self.stretches else {}
         said |= {"scenario": self.scenario.name, "solved": bool(self), "why": self.why, "duration": self.duration}

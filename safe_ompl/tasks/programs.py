@@ -1,10 +1,10 @@
-"""Programs of many steps, planned as one motion that is proven throughout.
+"""Planning of programs of many steps, as one motion that is proven at all times.
 
-Steps are data (`scene/program.py`). Grasps, places and branches of the inverse kinematics are chosen by a best-first
-search over beginnings of the program. The cost of a beginning is its duration; each planned step counts two seconds
-less, and each failure after the same choices counts one second more. A choice enters the search with a lower bound of
-its duration, and is planned only when it has the least cost. So the motion of the whole program is known before the
-first step is executed, and no step is planned twice.
+Steps are data (`scene/program.py`). A best-first search over partial plans chooses grasps, places and branches of the
+inverse kinematics. A partial plan is a plan of the first steps. Its cost is its duration, minus two seconds for each
+planned step, plus one second for each failure after the same choices. An alternative enters the search with a lower
+bound of its duration, and is planned only when it has the least cost. So the motion of the whole program is known
+before the first step is executed, and no step is planned twice.
 """
 
 from __future__ import annotations
@@ -43,17 +43,17 @@ from safe_ompl.tasks.tool_path import ToolPath
 from safe_ompl.tasks.workcell import CellState, ImpossibleError, ProvenMotion, Workcell, named
 
 PROGRAM_TIME = 20.0  # [s]
-# Each planned step makes a choice better by this time.
+# Each planned step reduces the cost of a partial plan by this time.
 _STEP_DONE = 2.0  # [s]
-# Each later step that failed makes a choice worse by this time.
+# Each failure of a later step adds this time to the cost of all partial plans with the same choices.
 _FAILURE_PENALTY = 1.0  # [s]
 # A move may end in this many branches of the inverse kinematics.
 _BRANCHES = 6
 # One planner call takes at most this long.
 _MOST_STEP_TIME = 2.0  # [s]
-# A shorter motion is no motion.
+# A step is skipped if no joint would move farther than this.
 _NEGLIGIBLE_MOTION = 1e-6  # [rad or m]
-# The rate of the points of a move.
+# The rate at which the trajectory of a move is sampled.
 _POINT_RATE = 25.0  # [Hz]
 
 
@@ -63,22 +63,23 @@ def plan_program(scenario: Scenario | str | Path, *, time: float = PROGRAM_TIME,
     Parameters
     ----------
     scenario : Scenario, str or Path
-        A scenario with a program, or the name or file of one. Its start is where the arm is; joints of grippers are
-        where its robot locks them.
+        A scenario with a program, or its name or file. The scenario's start is the first configuration of the arm; its
+        robot's locked joints are the first positions of gripper joints.
     time : float
         Time limit [s].
     seed : int
-        The same seed gives the same motion, as long as the time is not over.
+        Seed of the random numbers. The same seed gives the same motion, unless the time runs out.
 
     Returns
     -------
     ProgramResult
-        Where it is not solved, `why` says which step, and what is in the way.
+        If it is not solved, `why` names the step that failed and the reason.
 
     Raises
     ------
     InputError
-        If the scenario has no program, or a step names what is not there; starts with the step and its key.
+        If the scenario has no program, or a step names something that does not exist; the message begins with the step
+        and its key.
     """
     if not isinstance(scenario, Scenario):
         scenario = Scenario.load(scenario)
@@ -88,19 +89,19 @@ def plan_program(scenario: Scenario | str | Path, *, time: float = PROGRAM_TIME,
 
 
 def program_robot(scenario: Scenario) -> Robot:
-    """Return the robot with which the program of a scenario begins, joints of grippers among those that move."""
+    """Return the robot at the beginning of a scenario's program; its gripper joints are not locked."""
     with _naming(scenario):
         cell = Workcell(scenario)
         return cell.holding(cell.begin)
 
 
 def _naming(scenario: Scenario) -> AbstractContextManager[None]:
-    """Put the file of a scenario, or its name, before every InputError."""
+    """Prefix every InputError within the block with the file or the name of the scenario."""
     return document.within(str(scenario.file or scenario.name), ": ")
 
 
 def _points(trajectory: Trajectory, robot: Robot) -> tuple[Motion, Motion]:
-    """Return the motion through the points of a trajectory, and its curve."""
+    """Return the Hermite spline through the sampled points of a trajectory, and the trajectory's curve."""
     times, points = trajectory.points(_POINT_RATE)
     rates = points["velocities"], points.get("accelerations")
     return Motion.hermite(times, points["positions"], *rates, robot.joint_names), trajectory.curve
@@ -108,7 +109,7 @@ def _points(trajectory: Trajectory, robot: Robot) -> tuple[Motion, Motion]:
 
 @dataclass(frozen=True)
 class _Node:
-    """A beginning of the program that is planned, up to a step, and perhaps an action that plans that step."""
+    """A partial plan of the steps before `step`; `action`, if given, plans that step by one alternative."""
 
     step: int
     state: CellState
@@ -130,7 +131,7 @@ class _ProgramPlanner:
     # --------------------------------------------------------------------------------------------------- search
 
     def run(self, time: float) -> ProgramResult:
-        """Return the program planned within a time [s]."""
+        """Search for a plan of the program for at most `time` [s]."""
         begin = perf_counter()
         self._end, order = begin + time, count()
         best = _Node(0, self._cell.begin)
@@ -147,7 +148,7 @@ class _ProgramPlanner:
                 why = f"{why}; {time:g} s are over" if why else f"{time:g} s are over"
                 break
             before, _, cost, node = heapq.heappop(waiting)
-            # If continuations of the same choices failed since, the node has a higher cost now.
+            # Failures of continuations since the node was queued have increased its cost, so it is queued again.
             if cost + _FAILURE_PENALTY * refused[node.choices] > before:
                 wait(cost, node)
                 continue
@@ -169,7 +170,7 @@ class _ProgramPlanner:
         return ProgramResult(self._scenario, best.stretches, best.choices, why, perf_counter() - begin)
 
     def _planned(self, node: _Node) -> _Node:
-        """Return the node after its step was planned."""
+        """Plan the step of a node by its action, and return the node after the step."""
         assert node.action is not None
         state, proven = node.action()
         stretches, duration = list(node.stretches), node.duration
@@ -179,7 +180,7 @@ class _ProgramPlanner:
         return _Node(node.step + 1, state, tuple(stretches), node.choices, None, duration)
 
     def _alternatives(self, node: _Node) -> Iterator[tuple[float, list[str], Callable[[], Any]]]:
-        """Yield alternatives for the next step: a lower bound of its duration [s], the choices, and what plans it."""
+        """Yield alternatives for the next step: a lower bound of its duration [s], choices, and a planning function."""
         step, state = self._steps[node.step], node.state
         if isinstance(step, Move) and (step.configuration is not None or step.region is not None):
             yield 0.0, [], partial(self._move, step, state, None)
@@ -211,7 +212,7 @@ class _ProgramPlanner:
             yield 0.0, [], partial(planned[type(step)], step, state)
 
     def _targets(self, step: Move | Line, state: CellState) -> Iterator[tuple[Mapping[Any, int], pin.SE3, list[str]]]:
-        """Yield the choices that a step has, the pose of the tip for each, and the choice in words."""
+        """Yield the alternative targets of a step: all choices so far, the tip's pose, and the new choice in words."""
         ((kind, value),) = step.targets.items()
         up = pin.SE3(np.eye(3), np.array([0.0, 0.0, step.up]))
         back = pin.SE3(np.eye(3), np.array([0.0, 0.0, -step.back]))
@@ -236,7 +237,7 @@ class _ProgramPlanner:
             if kind == "place":
                 in_hand = self._cell.tip(step.arm, state).inverse() * self._cell.link(held[value].link, state)
                 pose = option.se3 * (in_hand * held[value].pose.se3).inverse()
-            # The other arm holds the object and hands it over.
+            # Another link, such as the tip of the other arm, holds the object and hands it over.
             elif item is not None:
                 pose = self._cell.link(item.link, state) * item.pose.se3 * option.se3
             else:

@@ -1,4 +1,4 @@
-"""Motions of the tool along a curve, planned away from danger and proven at every instant."""
+"""Motions of the tool along a curve, planned with low danger and proven at all times."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 # The largest distance and rotation between rungs.
 _RUNG_DISTANCE, _RUNG_ROTATION = 0.03, 0.15  # [m], [rad]
-# The least number of rungs between two stops.
+# The least number of rungs from one stop to the next, both included.
 _FEWEST = 6
 # The nodes are doubled at most this often until the corridor is proven.
 _DOUBLINGS = 5
@@ -40,7 +40,8 @@ _SMOOTHNESS_WEIGHT = 1.0
 _CURVATURE = 20.0
 # Configurations nearer to joint limits than this cost more.
 _INSIDE = 0.1  # [rad or m]
-# Seeds of the inverse kinematics where the ladder ends, twice as many with each try, and the number of tries.
+# Where the ladder ends, the inverse kinematics starts from this many random seeds, and from twice as many at each of
+# this many tries.
 _SEEDS, _SEED_TRIES = 32, 3
 # The search ends after this many joint paths that are not proven.
 _MOST_UNPROVEN = 12
@@ -48,36 +49,36 @@ _MOST_UNPROVEN = 12
 _RAMP_SHARE = 0.45
 # This share of each rate limit is used.
 _MARGIN = 0.999
-# A motion that broke a limit is made slower by this factor more than needed.
+# A motion that exceeds a limit is slowed down by this factor more than needed, because of rounding.
 _EXTRA_SLOWDOWN = 1.001
 
 
 @dataclass(frozen=True)
 class ToolMotion:
-    """Result of planning a tool motion; true if there is a motion, which is then proven throughout.
+    """Result of planning a tool motion; true if there is a motion, which is then proven at all times.
 
     Attributes
     ----------
     motion : Motion or None
         The motion in time, from rest to rest.
     path, corridor
-        The curve and the corridor that were given.
+        The given curve and corridor.
     along : Motion or None
-        The same motion by the parameter of the curve [m] instead of time, which the corridor's proof is about.
+        The same motion as a function of the curve parameter [m] instead of time; `proof` is about this motion.
     proof : CorridorProof or None
         The proof that the tip stays in the corridor.
     check : MotionCheck or None
-        The proof that the whole motion is free of collision and keeps limits and constraints.
+        The proof that the whole motion is free of collision and satisfies limits and constraints.
     speed : float
-        Speed of the tip between its ramps [m/s]; along a spline about that.
+        Speed of the tip between the ramps [m/s]; approximate along a spline.
     danger_mean, danger_max : float
-        Of samples along the curve; nan without a danger field.
+        Mean and maximum of the danger at samples along the curve; NaN without a danger field.
     fraction : float
-        Share of the curve that some configurations were found along; 1 if it is solved.
+        Share of the curve that the arm can follow; 1 if a motion is found.
     why : str
         The reason why there is no motion; empty if there is one.
     planning_time : float
-        [s].
+        Duration of planning [s].
 
     Examples
     --------
@@ -125,37 +126,37 @@ def tool_motion(
     speed: float | None = None,
     limits: RateLimits | None = None,
 ) -> ToolMotion:
-    """Return a motion of the joints along which the tip follows a curve, away from danger, proven at every instant.
+    """Plan a joint motion with low danger whose tip follows a curve, and prove it at all times.
 
     Parameters
     ----------
     path : ToolPath, or a sequence of poses
-        The curve of the tip in the world; two poses are a line, more a spline.
+        The curve of the tip in the world frame; two poses are a line, more poses a spline.
     robot, scene
-        Robot and obstacles; those with a weight are dangerous.
+        Robot and obstacles; obstacles with a weight are dangerous.
     corridor : Corridor, optional
-        How near the tip must stay; default: 1 mm and 0.01 rad.
+        Tolerances of the tip; default: 1 mm and 0.01 rad.
     start : array_like, shape (n,), optional
-        Where the arm is [rad or m]; its tip must be at the beginning of the curve. Default: chosen.
+        Start configuration [rad or m], whose tip must be at the beginning of the curve. Default: the planner chooses.
     speed : float, optional
-        Speed of the tip [m/s], as long as the joints can; default: as fast as they can.
+        Speed of the tip [m/s], reduced if a joint limit requires it. Default: the largest possible speed.
     limits : RateLimits, optional
-        Of the joints; default: `RateLimits.of(robot)`.
+        Limits of the joints' rates; default: `RateLimits.of(robot)`.
 
     Returns
     -------
     ToolMotion
-        Its `motion` is None where none is found; then `why` and `fraction` say what is in the way, and where.
+        If no motion is found, `motion` is None, and `why` and `fraction` give the reason and the place.
 
     Raises
     ------
     InputError
-        If an argument cannot be used.
+        If an argument is invalid.
 
     Notes
     -----
-    A ladder graph of solutions of the inverse kinematics, followed along the curve, is searched by dynamic programming;
-    then the null space of the task is used to leave danger (§4.3 of the paper), and cubic splines join the nodes.
+    Solutions of the inverse kinematics along the curve form a ladder graph, which is searched by dynamic programming.
+    Then motions in the null space of the task reduce the danger (§4.3 of the paper). Cubic splines join the nodes.
     """
     checker = CollisionChecker(robot, scene)
     field = DangerField.of_scene(robot, scene) if any(obstacle.weight > 0 for obstacle in scene) else None
@@ -172,7 +173,7 @@ def plan_tool(
     limits: RateLimits | None = None,
     seed: int = 0,
 ) -> ToolMotion:
-    """Plan a motion of the tool along a curve under the constraints that a setup has now; else as `tool_motion`.
+    """Plan a motion of the tool along a curve under the constraints of a setup; see `tool_motion`.
 
     The same seed gives the same motion.
     """
@@ -181,18 +182,18 @@ def plan_tool(
 
 
 class ToolPlanner:
-    """Plans tool motions that a `MotionProver` proves, away from the danger of a field, if there is one.
+    """Plans tool motions that a `MotionProver` proves, with low danger if a danger field is given.
 
     Parameters
     ----------
     prover : MotionProver
-        Robot, scene, and what motions must keep to.
+        The prover, with robot, scene and constraints.
     field : DangerField, optional
-        The danger.
+        The danger field.
     seed : int
-        Of the random configurations from which the inverse kinematics begins: the same seed gives the same motion.
+        Seed of the random configurations from which the inverse kinematics begins. The same seed gives the same motion.
     effort : int
-        How many times the usual number of these are tried before it gives up.
+        Factor of the number of random configurations that are tried before the planner stops.
     """
 
     def __init__(self, prover: MotionProver, field: DangerField | None = None, *, seed: int = 0, effort: int = 1):
@@ -208,7 +209,7 @@ class ToolPlanner:
         speed: float | None = None,
         limits: RateLimits | None = None,
     ) -> ToolMotion:
-        """Return a motion along a curve; arguments, result and errors as `tool_motion`."""
+        """Plan a motion along a curve; arguments, result and errors as `tool_motion`."""
         begin, robot = perf_counter(), self.prover.checker.robot
         rates = RateLimits.of(robot) if limits is None else limits
         wanted = None if speed is None else number("speed", speed, above=0.0)
@@ -235,7 +236,7 @@ class _LadderSearch:
         self._costs = Costs(prover.checker, field)
 
     def run(self, start: FloatArray | None, rng: np.random.Generator, effort: int) -> ToolMotion:
-        """Add strands to the ladder, and prove the cheapest path, until a path is proven or no strand is added."""
+        """Add strands to the ladder and try to prove its cheapest path, until one is proven or no strand is found."""
         rungs = self._rungs()
         ladder = Ladder(self._tip, self._prover.checker, self._costs, rungs, self.path.at(rungs))
         if start is not None:
@@ -264,7 +265,7 @@ class _LadderSearch:
         return ToolMotion(None, self.path, self._corridor, fraction=share, why=refused[-1].why if refused else where)
 
     def _rungs(self) -> FloatArray:
-        """Return the parameters of the rungs, stops among them."""
+        """Return the curve parameters of the rungs (R,) [m], including all stops."""
         found = []
         for first, last in pairwise(self._stops):
             spins = np.linalg.norm(self.path.at(np.linspace(first, last, 20)[1:-1]).spins, axis=1).max()
@@ -273,7 +274,7 @@ class _LadderSearch:
         return np.unique(np.concatenate(found))
 
     def _check_start(self, start: FloatArray, frames: Frames) -> None:
-        """Raise InputError if the tip is not near the beginning of the curve at the start."""
+        """Raise InputError if the tip at the start is farther from the curve's beginning than the corridor allows."""
         first = Frames(*(part[:1] for part in frames))
         errors = self._tip.errors(self._tip.at(start[None]), first)[0]
         far, turned = np.linalg.norm(errors[:3]), np.linalg.norm(errors[3:])
@@ -283,7 +284,7 @@ class _LadderSearch:
             )
 
     def _proven(self, nodes: FloatArray, rungs: FloatArray, start: FloatArray | None) -> ToolMotion:
-        """Return the motion through the refined nodes, or else through the nodes; if neither is proven, why not."""
+        """Return the proven motion through the refined nodes, or else through the nodes; if neither, with a reason."""
         nodes = self._robot.unrolled(nodes)
         refined = self._refined(nodes, rungs, fixed=start is not None)
         made = self._made(refined, rungs)
@@ -316,7 +317,7 @@ class _LadderSearch:
         )
 
     def _refined(self, nodes: FloatArray, s: FloatArray, *, fixed: bool) -> FloatArray:
-        """Return nodes that are moved in the null space of the task, to less danger and a smoother path."""
+        """Move the nodes (R, n) in the null space of the task to reduce the danger and to smooth the path."""
         frames, rungs = self.path.at(s), len(s)
         _, jacobians = self._tip.task(self._tip.at(nodes), frames)
         if self._robot.n <= np.linalg.matrix_rank(jacobians[rungs // 2], tol=1e-4):
@@ -360,7 +361,7 @@ class _LadderSearch:
         return best
 
     def _spline(self, nodes: FloatArray, s: FloatArray) -> Motion:
-        """Return the cubic splines through nodes (R, n) at s (R,), one between each two stops."""
+        """Return the motion of cubic splines through nodes (R, n) at s (R,), one spline from stop to stop."""
         pieces = []
         for first, last in pairwise(np.searchsorted(s, self._stops)):
             at, own = s[first : last + 1], nodes[first : last + 1]
@@ -385,10 +386,10 @@ def _where(made: ToolMotion) -> float:
 def in_time(
     along: Motion, path: ToolPath, robot: Robot, limits: RateLimits, speed: float | None
 ) -> tuple[Motion, float]:
-    """Return a motion along a curve in time, and the speed [m/s] between its ramps.
+    """Return the motion along a curve as a function of time, and the speed [m/s] between its ramps.
 
-    Between stops s goes at a steady speed, as far as the joints can, with smooth ramps s = v T (τ³ − τ⁴/2) at both
-    ends: cubic pieces of s become polynomials of time of degree 12. If a limit were broken all of it is slower.
+    Between stops s has a constant speed within the joints' limits, with smooth ramps s = v T (τ³ − τ⁴/2) at both ends.
+    Cubic pieces in s become polynomials of degree 12 in time. If a limit is exceeded, the whole motion is slowed down.
     """
     rate, curvature = (np.abs(along.derivative_coefficients(order)).sum(axis=1).max(axis=0) for order in (1, 2))
     with np.errstate(divide="ignore"):
@@ -414,7 +415,7 @@ def in_time(
 
 
 def _composed(along: Motion, first: float, last: float, v: float, ramp: float) -> Iterator[tuple[float, FloatArray]]:
-    """Yield durations [s] and coefficients (d + 1, n) of q(s(t)) on a stretch from rest to rest."""
+    """Yield durations [s] and coefficients (d + 1, n) of the pieces of q(s(t)) between two stops of the curve."""
     length = last - first
     up = v * ramp / 2  # [m] of a ramp
     laws = [
@@ -430,7 +431,7 @@ def _composed(along: Motion, first: float, last: float, v: float, ramp: float) -
         for a, b in pairwise(cuts):
             middle = begin + np.polynomial.polynomial.polyval((a + b) / 2, law)
             j = int(np.clip(np.searchsorted(along.times, middle) - 1, 0, along.pieces - 1))
-            # The time law less its beginning on [a, b], by powers of u.
+            # The time law on [a, b] as a polynomial in u, relative to the knot before and scaled by the knot spacing.
             local = polynomials.restricted(law[:, None], a, b)[:, 0]
             local[0] += begin - along.times[j]
             local /= along.times[j + 1] - along.times[j]
@@ -442,7 +443,7 @@ def _composed(along: Motion, first: float, last: float, v: float, ramp: float) -
 
 
 def _time_of(law: FloatArray, s: float) -> float:
-    """Return τ in [0, 1] with law(τ) = s, which increases."""
+    """Return τ in [0, 1] with law(τ) = s for an increasing law, by bisection."""
     low, high = 0.0, 1.0
     for _ in range(60):
         middle = (low + high) / 2

@@ -1,4 +1,4 @@
-"""Curves of tool poses: lines, arcs, poly-lines with blends, and splines through poses."""
+"""Tool paths: lines, arcs, polylines with blends, and splines through poses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from safe_ompl.common import FloatArray, InputError, finite_array, number, polyn
 from safe_ompl.geometry import Pose, turn_between
 from safe_ompl.robot import METRES_PER_RADIAN, Frames
 
-# The least length of a segment. A rotation counts with METRES_PER_RADIAN.
+# The least length of a segment; a rotation counts METRES_PER_RADIAN per radian.
 _LEAST_SEGMENT = 1e-6  # [m]
 # A jump of the tip's direction (a unit vector) by more than this is a corner.
 _CORNER_JUMP = 1e-6
@@ -25,13 +25,13 @@ _COLLINEAR = 1e-6
 
 @dataclass(frozen=True)
 class Arc:
-    """A line or an arc of a circle, along which the tool moves and turns about one axis at constant rates.
+    """A line or a circular arc, along which the tool translates and rotates about one axis at constant rates.
 
-    `centre` is None for a line; else `start` turns about it by `angle` about `normal`.
+    `centre` is None for a line. For an arc, the point `start` rotates about `centre` by `angle` [rad] about `normal`.
     """
 
     start: FloatArray
-    # From the start to the end of a line (3,) [m].
+    # The vector from the start to the end of a line (3,) [m].
     displacement: FloatArray
     # Orientation of the tool at the start (3, 3).
     rotation: FloatArray
@@ -43,7 +43,7 @@ class Arc:
 
     @property
     def length(self) -> float:
-        """The path of the tip; where that is shorter, the angle of its turn at METRES_PER_RADIAN."""
+        """Length of the tip's path [m], or METRES_PER_RADIAN times the angle of its rotation if this is larger."""
         along = np.linalg.norm(self.displacement)
         if self.centre is not None:
             along = self.angle * np.linalg.norm(self.start - self.centre)
@@ -75,9 +75,9 @@ class Arc:
 
 @dataclass(frozen=True)
 class PoseSpline:
-    """A cubic spline through poses: of the positions, and of quaternions that are normalised.
+    """A cubic spline through poses: one spline of the positions, and one of quaternions, which is then normalised.
 
-    With Q the spline of quaternions and r = ‖Q‖ the tool turns at ‖ω‖ ≤ 2‖Q′‖/r, ‖ω′‖ ≤ 2(‖Q″‖/r + 2(‖Q′‖/r)²).
+    Let Q be the spline of quaternions and r = ‖Q‖. Then ‖ω‖ ≤ 2‖Q′‖/r and ‖ω′‖ ≤ 2(‖Q″‖/r + 2(‖Q′‖/r)²).
     """
 
     # Parameters of the poses (K + 1,) [m], the first one 0.
@@ -87,10 +87,10 @@ class PoseSpline:
 
     @classmethod
     def through(cls, poses: Sequence[pin.SE3]) -> PoseSpline:
-        """Return the spline through two poses or more; parameters are the distances between them, added up."""
+        """Return the spline through at least two poses; its parameters are the cumulative `pose_distance`."""
         turns = np.array([pin.Quaternion(pose.rotation).coeffs() for pose in poses])
         for k, (one, other) in enumerate(pairwise(poses)):
-            # Each rotation has two quaternions. The one is taken that the shortest turn from the pose before leads to.
+            # Each rotation has two quaternions. The shortest rotation from the previous pose decides which one is used.
             turn = pin.Quaternion(pin.exp3_quat(turn_between(one.rotation, other.rotation)))
             turns[k + 1] *= np.sign(turns[k + 1] @ (turn * pin.Quaternion(turns[k])).coeffs())
         steps = [pose_distance(one, other) for one, other in pairwise(poses)]
@@ -124,8 +124,8 @@ class PoseSpline:
         return Frames(value[:, :3], rotations, rate[:, :3], spins)
 
     def second_derivative_bounds(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return bounds from the second derivatives, which are linear between knots."""
-        # If the interval begins or ends at a knot, this selects the piece inside the interval.
+        """Return bounds of ‖c″‖ and ‖dω/ds‖ (I,), from the second derivatives, which are linear between knots."""
+        # The ends are moved slightly inwards. At a knot this selects the piece inside the interval.
         inside = (last - first) * 1e-9
         ends = [self._derivatives(s) for s in (first + inside, last - inside)]
         curvature = np.maximum(*(np.linalg.norm(second[:, :3], axis=1) for _, _, second in ends))
@@ -140,15 +140,15 @@ class PoseSpline:
 
 
 Segment: TypeAlias = Arc | PoseSpline
-"""A smooth stretch of a curve, s [m] from 0 to `length`; between its `knots`, ends included, all derivatives are."""
+"""A segment of a tool path, s [m] from 0 to `length`; it is infinitely differentiable between its `knots`."""
 
 
 @dataclass(frozen=True)
 class ToolPath:
-    """A curve of poses of the tip in the world frame; its parameter s is the length of the tip's path [m].
+    """A curve of tip poses in the world frame; its parameter s is the arc length of the tip's path [m].
 
-    Where the tip only turns, a radian counts METRES_PER_RADIAN; along splines s is near to the length. At corners
-    between segments the tool stops.
+    Where the tip only rotates, a radian counts METRES_PER_RADIAN. Along splines s is approximately the arc length. The
+    tool stops at corners between segments.
 
     Examples
     --------
@@ -177,12 +177,12 @@ class ToolPath:
 
     @property
     def begins(self) -> FloatArray:
-        """Where segments begin, and where the last one ends (N + 1,) [m]."""
+        """Parameters at which segments begin, and the end of the last one (N + 1,) [m]."""
         return np.concatenate([[0.0], np.cumsum([segment.length for segment in self.segments])])
 
     @property
     def knots(self) -> FloatArray:
-        """All parameters between which the curve is smooth."""
+        """Parameters [m] between which the curve is smooth, including both ends."""
         begins = self.begins[:-1]
         found = [begin + segment.knots for begin, segment in zip(begins, self.segments, strict=True)]
         return np.unique(np.concatenate(found))
@@ -219,23 +219,23 @@ class ToolPath:
 
     @classmethod
     def line(cls, start: Any, end: Any) -> ToolPath:
-        """Return the straight line between two poses; the tool turns at a constant rate, the short way round.
+        """Return the straight line between two poses, with the shortest rotation at a constant rate.
 
-        Half a turn goes about the axis whose first component above 0.1 is positive, in the world frame.
-        Poses are Pose, pin.SE3, matrices (4, 4), or what SciPy's RigidTransform gives by `as_matrix`.
+        For a rotation by half a turn the axis is the one whose first component above 0.1 is positive, in the world
+        frame. Poses are Pose, pin.SE3, matrices (4, 4), or objects with `as_matrix`, such as SciPy's RigidTransform.
         """
         return cls.polyline([start, end])
 
     @classmethod
     def polyline(cls, poses: Sequence[Any], blend: float = 0.0) -> ToolPath:
-        """Return straight lines through poses, with corners that begin `blend` [m] before them and are arcs."""
+        """Return straight lines through poses; arcs that begin `blend` [m] before the corners replace them."""
         given, cut = _poses(poses, 2), number("blend", blend, at_least=0.0)
         segments = [_line(one, other) for one, other in pairwise(given)]
         return cls(tuple(_blended(segments, cut) if cut else segments))
 
     @classmethod
     def arc(cls, start: Any, via: Any, end: Any) -> ToolPath:
-        """Return the arc of a circle from a pose through a point or the position of a pose to another pose.
+        """Return the circular arc from a pose to another pose through a point (3,) or the position of a pose.
 
         Raises InputError if the three points are on a line.
         """
@@ -245,12 +245,15 @@ class ToolPath:
 
     @classmethod
     def spline(cls, poses: Sequence[Any]) -> ToolPath:
-        """Return a smooth curve through poses, or through 33 of each piece of SciPy's `RigidTransformSpline`."""
+        """Return a cubic spline through poses (see `PoseSpline`)."""
         return cls((PoseSpline.through(_poses(poses, 2)),))
 
     @classmethod
     def of(cls, thing: Any) -> ToolPath:
-        """Return the path that `thing` is: a ToolPath, poses (two: a line, more: a spline), or a spline of poses."""
+        """Convert a ToolPath, poses (two: a line, more: a spline), or SciPy's RigidTransformSpline to a ToolPath.
+
+        Of SciPy's spline 33 poses of each piece are taken.
+        """
         if isinstance(thing, ToolPath):
             return thing
         if hasattr(thing, "times") and callable(thing):  # SciPy's RotationSpline of poses
@@ -270,7 +273,10 @@ def _turns_sharply(one: Segment, other: Segment) -> bool:
 
 
 def pose_distance(one: pin.SE3, other: pin.SE3) -> float:
-    """Return √(‖p‖² + c²‖ω‖²) [m] between poses, with c METRES_PER_RADIAN."""
+    """Return the distance √(‖p‖² + c²‖ω‖²) [m] of two poses.
+
+    p is the difference of positions [m], ω the rotation vector [rad] between them, and c METRES_PER_RADIAN.
+    """
     turn = turn_between(one.rotation, other.rotation)
     return float(
         np.hypot(np.linalg.norm(other.translation - one.translation), METRES_PER_RADIAN * np.linalg.norm(turn))
@@ -347,7 +353,7 @@ def _blended(lines: Sequence[Arc], cut: float) -> Iterator[Segment]:
             entry, exit_ = last, _frame(lines[k + 1], corner)
             tip, middle = lines[k + 1].start, (entry.translation + exit_.translation) / 2
             half = np.linalg.norm(exit_.translation - entry.translation) / 2
-            # On the circle that both lines touch: from the corner towards the middle of the chord.
+            # The middle of the arc that touches both lines lies between the corner and the middle of the chord.
             out, depth = middle - tip, np.linalg.norm(middle - tip)
             radius = half * np.hypot(half, depth) / depth
             via = tip + out / depth * (np.hypot(radius, corner) - radius)

@@ -1,4 +1,4 @@
-"""The workcell of a program: its robot with attached objects, single arms of it, and proofs of its motions."""
+"""The workcell of a program: the robot with attached objects, its single arms, and proofs of motions."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from safe_ompl.planning import SafeSetup, setup_scenario
 from safe_ompl.robot import Attachment, Robot
 from safe_ompl.scene import CONTACT_DEPTH, Attach, Detach, Goal, Gripper, Scenario, Scene, Step
 
-# A motion whose stops beside people are too late is made slower by this factor, at most this often.
+# A motion that cannot stop in time for people is slowed down by this factor, at most this many times.
 _SLOWDOWN, _MOST_SLOWDOWNS = 1.25, 12
 
 
 class ImpossibleError(Exception):
-    """A step of a program cannot be planned with these choices; the message says why."""
+    """Raised if a step of a program cannot be planned with the present choices; the message gives the reason."""
 
 
 def named(robot: Robot, q: FloatArray) -> dict[str, float]:
-    """Return joint values (n,) by the names of the joints."""
+    """Return a mapping from joint names to joint values (n,)."""
     return dict(zip(robot.joint_names, q.tolist(), strict=True))
 
 
@@ -39,7 +39,7 @@ class ProvenMotion(NamedTuple):
 
 
 class CellState(NamedTuple):
-    """All joint values (n,), attached objects, obstacles, and which grasps and places were chosen."""
+    """State of the workcell: all joint values (n,), attached objects, obstacles, and chosen grasps and places."""
 
     q: FloatArray
     held: tuple[Attachment, ...]
@@ -53,9 +53,9 @@ class Workcell:
     Attributes
     ----------
     robot : Robot
-        The robot of the scenario without attached objects; joints of grippers move.
+        The robot of the scenario without attached objects; its gripper joints are not locked.
     limits : RateLimits
-        Limits of its joints.
+        Rate limits of the joints.
     begin : CellState
         The state before the first step.
     """
@@ -84,7 +84,7 @@ class Workcell:
         self._check_names()
 
     def _with_grippers(self) -> Robot:
-        """Return the robot of the scenario with the joints of its grippers among those that move."""
+        """Return the robot of the scenario with unlocked gripper joints."""
         joints, spec = self._program.gripper_joints, self._arm.spec
         held = self._arm.held_joints
         for k, step in enumerate(self._program.steps):
@@ -137,7 +137,7 @@ class Workcell:
         return robot
 
     def during(self, step: Step, state: CellState) -> CellState:
-        """Return the state with the contacts that a step allows, of obstacles and of attached objects."""
+        """Return the state in which the contacts of a step, with obstacles and attached objects, are allowed."""
         pairs, depth = getattr(step, "touching", ()), getattr(step, "depth", 0.0)
         held = []
         for item in state.held:
@@ -151,10 +151,10 @@ class Workcell:
         return state._replace(held=tuple(held), scene=scene)
 
     def taken(self, obstacle: Obstacle, arm: str | None, state: CellState) -> Attachment:
-        """Return an obstacle as an object that is attached to the tip of an arm; fingers of that hand may touch it.
+        """Return an obstacle as an object attached to the tip of an arm; the fingers of its hand may touch the object.
 
-        The fingers may be as deep in the object as the largest `depth` of the steps that allow this contact, or as the
-        default depth. They must stay free of an object that has no core so deep, such as a mesh.
+        The fingers may penetrate the object by the largest `depth` of the steps that allow this contact, or by the
+        default depth. An object without a core at this depth, such as a mesh, may not be touched.
         """
         moving, _ = self.arm_at(arm, state)
         pose = self.tip(arm, state).inverse() * obstacle.pose.se3
@@ -185,7 +185,7 @@ class Workcell:
         return moving, moving.difference(np.zeros(moving.n), q)
 
     def rows(self, names: Sequence[str]) -> list[int]:
-        """Return the indices of some joints among all joints."""
+        """Return the indices of the named joints among all joints."""
         return [self.robot.joint_names.index(name) for name in names]
 
     def limits_of(self, arm: Robot) -> RateLimits:
@@ -208,7 +208,7 @@ class Workcell:
         return pin.SE3(data.oMf[model.getFrameId(link)])
 
     def setup(self, robot: Robot, scene: Scene, q: FloatArray, goal: Goal | None = None) -> SafeSetup:
-        """Return a setup for a robot in a scene at a configuration, under the limits of the scenario."""
+        """Return a setup for a robot in a scene with a start configuration (n,) and the limits of the scenario."""
         limits = self._scenario.limits
         if self._tube is not None:
             limits = replace(limits, tube=tuple(self._tube[self.rows(robot.joint_names)].tolist()))
@@ -226,7 +226,10 @@ class Workcell:
     def proven(
         self, step: Step, state: CellState, moving: Motion, curve: Motion | None = None
     ) -> tuple[CellState, tuple[ProvenMotion, ...]]:
-        """Return the state after a step that moves some joints, and the motion of all joints with its proof."""
+        """Prove a step's motion of some joints; return the state after the step, and the motion of all joints.
+
+        Raises ImpossibleError if the motion cannot be proven.
+        """
         during, people = self.during(step, state), self._scenario.people
         robot = self.holding(during)
         rows = self.rows(moving.joint_names or ())

@@ -1,16 +1,16 @@
-"""A controller that moves a robot to goals beside people: what a node of ROS does, without ROS.
+"""A controller that moves a robot to goals among people: the work of the ROS node, without ROS.
 
-What is commanded is proven as `Replanner` says: every command ends in a stop. To stop, nothing more is commanded. The
-controller stops so
+Commands are proven as in `Replanner`: every command ends in a stop. The controller stops the robot by sending no
+further command. It does so
 
-* if joint states are missing, or the robot is not where it was told to be;
-* if its own answer comes too late to be followed;
-* if people are seen whom nobody tracks, or the cloud has points where it had none when the path was proven;
+* if joint states are missing, or the robot is not at the commanded configuration;
+* if the controller's own command is computed too late to be followed;
+* if people are seen who are not tracked, or the cloud has new points since the path was proven;
 * if the clock jumps.
 
-It plans anew from where the robot stands, as soon as nothing of this holds any more. People and objects that are not
-seen, or move farther than promised, the replanner stops for by itself. Behind a shield it is the same with proposals in
-the place of goals. A program goes on where it stopped, from where the robot should stand then.
+When none of these conditions holds, the controller plans again from where the robot stands. For people and objects that
+are not seen, or leave their reach sets, the replanner stops by itself. With a shield, proposals take the place of
+goals. A program continues where it stopped, from the configuration in which the robot should stand.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _log = logging.getLogger(__name__)
 
 # This many commands are kept for the comparison with measured joints.
 _HISTORY = 100
-# Without joint states for this long, the robot is stopped.
+# The robot is stopped if there are no joint states for this long.
 _JOINTS_LATE = 0.3  # [s]
 # Joints that are slower than this stand still.
 _RESTING = 0.01  # [rad/s]
@@ -58,14 +58,14 @@ _GOAL_REACHED = 1e-6  # [rad or m]
 
 @dataclass(frozen=True)
 class Cell:
-    """A robot and what is around it."""
+    """A robot, the tracked people and objects around it, and the function that plans."""
 
     robot: Robot
     trackers: Mapping[str, Tracker]  # People
     # The obstacles that move, and bounds of their speeds [m/s].
     objects: Mapping[str, float]
-    # Of start (n,) and goal, and the cloud: a replanner that has started; a SafeOmplError says why there is no way.
-    # Shields and programs have no goal: they begin at the start.
+    # Plans from a start (n,) to a goal among the obstacles and the cloud, and returns a started replanner. Raises
+    # SafeOmplError if there is no path. Shields and programs have no goal and begin at the start.
     plan: Callable[[FloatArray, Any, Obstacle | None], Replanner | Shield | SegmentSequence]
     # Whether proposals are followed instead of goals.
     shielded: bool = False
@@ -77,14 +77,14 @@ class Cell:
 
 @dataclass(frozen=True)
 class ControlOptions(Section):
-    """When a robot is told what, and when it is stopped; raises InputError if a value is out of its range."""
+    """Options of `LiveController`; raises InputError if a value is out of its range."""
 
     replanning: ReplanningOptions = field(default_factory=ReplanningOptions)
     # The time from a tick until its command holds, at most one tick [s].
     latency: float = 0.05
-    # By which clocks of sensors may differ from the robot's [s]
+    # The largest difference between the clocks of sensors and the robot's clock [s].
     clock_error: float = key(number, default=0.01, at_least=0.0)
-    # How far a joint may be from where it should be [rad or m]; where proofs have a tube, that counts instead
+    # The largest deviation of a joint from the command [rad or m]. If the prover has a tube, the tube counts instead.
     tolerance: float = key(number, default=0.05, above=0.0)
     # The radius of the ball about each point of a cloud [m].
     cloud_radius: float = key(number, default=0.02, above=0.0)
@@ -94,13 +94,13 @@ class ControlOptions(Section):
 
 
 class LiveController:
-    """Drives a robot to goals.
+    """Moves a robot to goals.
 
-    Call what was measured as it comes, and `tick` at the rate of the options. Methods that take measurements raise
-    InputError for what cannot be used; nothing changes then. The `clock` returns the time now [s], of the clock of all
-    stamps; plans are made in the `executor`, by default in a thread. `command` is what the robot was told last, and
-    holds while it is `driving`: if not, the robot follows it to its stop. `blocked` says why the robot must not move,
-    as the caller knows (empty: it may).
+    Call the `receive_…` methods with measurements as they arrive, and `tick` at the rate of the options. A method that
+    takes measurements raises InputError for invalid input and then changes nothing. `clock` returns the present time
+    [s] of the clock of all stamps. Plans are made in `executor`, by default in a thread. `command` is the last command;
+    while not `driving`, the robot follows it to its stop. The caller sets `blocked` to the reason why the robot must
+    not move, or to "" if it may move.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class LiveController:
         self._executor = ThreadPoolExecutor(1) if executor is None else executor
         self._now = -np.inf
         self._planning: Future[Replanner | Shield | SegmentSequence] | None = None
-        # A configuration (n,), or what else `Cell.plan` accepts.
+        # A configuration (n,), or another goal that `Cell.plan` accepts.
         self.goal: Any = None
         self._wanted = cell.shielded  # whatever the goal
         self._why, self.blocked = "nothing was proposed yet" if cell.shielded else "no goal yet", ""
@@ -119,7 +119,7 @@ class LiveController:
         self._forget()
 
     def _forget(self) -> None:
-        """Forget all that was measured and commanded."""
+        """Clear all measurements and commands."""
         lost_after, error = self.options.replanning.lost_after, self.options.clock_error
         self._sightings = Sightings((*self.cell.trackers, *self.cell.objects), lost_after, error)
         # The joints as they were measured last.
@@ -142,7 +142,7 @@ class LiveController:
     def receive_joints(
         self, time: float, names: Sequence[str], position: Sequence[float], velocity: Sequence[float] = ()
     ) -> None:
-        """Take joint values and velocities; without velocities they follow from the values before."""
+        """Take joint positions and velocities; missing velocities are computed from the previous positions."""
         if time > self._clock() + self.options.clock_error:
             raise InputError(f"is {time - self._clock():.3f} s in the future: the clocks differ", "stamp")
         if self.joints is not None and time <= self.joints.time:
@@ -157,7 +157,7 @@ class LiveController:
         self.joints = Joints(time, q, qd)
 
     def receive_people(self, time: float, people: Mapping[str, FloatArray]) -> None:
-        """Take key points (J, 3) of people in the world, in the order of their skeletons; NaN: not seen."""
+        """Take key points (J, 3) of people in the order, axes and unit of their skeletons; NaN: not seen."""
         for name, points in people.items():
             if name in self.cell.trackers:
                 self.cell.trackers[name].skeleton.keypoints(points)
@@ -170,32 +170,32 @@ class LiveController:
             raise UnknownNameError("person", strangers[0], self.cell.trackers)
 
     def receive_object(self, time: float, name: str, place: Pose) -> None:
-        """Take the pose of an obstacle that moves, in the world."""
+        """Take the pose of a moving obstacle in the world frame."""
         if name not in self.cell.objects:
             raise UnknownNameError("object", name, self.cell.objects)
         self._sightings.add(name, time, self._clock(), place)
 
     def receive_cloud(self, time: float, points: FloatArray) -> None:
-        """Take points (M, 3) in the world [m]; those of the robot and of tracked people are left out."""
+        """Take cloud points (M, 3) in the world [m]; points on the robot and on tracked people are left out."""
         if self.joints is None or abs(time - self.joints.time) > _JOINTS_LATE:
             raise InputError("comes without joint states of its time: the robot's own points are not known")
         around = None if self._pilot is None else self._pilot.surroundings
         self._cloud = CloudView.seen(points, self.options.cloud_radius, self.cell.robot, self.joints.q, around)
 
     def go_to(self, names: Sequence[str], position: Sequence[float]) -> None:
-        """Take a goal: the robot stops if it moves, and goes there. Without joints it stops, and stays."""
+        """Set a goal configuration by joint names: the robot stops, then moves there. Without joints it only stops."""
         if self.cell.program:
             raise InputError("the scenario has a program, which is run", "goal")
         goal = goal_of(self.cell.robot, names, position) if len(names) else None
         self.pursue(goal, "no goal" if goal is None else "a new goal")
 
     def pursue(self, goal: Any, why: str) -> None:
-        """Stop, say why, and then do what `Cell.plan` makes of a goal; without one stay."""
+        """Stop the robot for the reason `why`, then plan and move to a goal; None: stay."""
         self.goal, self._planning = goal, None
         self._halt(why)
 
     def run(self, wanted: bool) -> None:
-        """Drive the program, from where it stopped if it was not done; or stop, and stay."""
+        """Execute the program, from where it stopped if it is not finished; False: stop the robot."""
         if wanted and not self.cell.program:
             raise InputError("the scenario has no program", "run")
         if wanted and self.segments is not None and self.segments.finished:
@@ -206,9 +206,9 @@ class LiveController:
             self._halt("stopped")
 
     def propose(self, motion: Motion | FloatArray, start: float | None = None) -> bool:
-        """Take what the shield is to follow: a motion from a time [s] or the next tick on, or velocities (n,).
+        """Pass a proposal to the shield: a motion from a time [s] or from the next tick on, or joint velocities (n,).
 
-        Return whether it can be used; if not, the robot stops, and the next command says why.
+        Return whether the proposal is valid; if not, the robot stops, and the next command gives the reason.
         """
         if not self.driving or not isinstance(self._pilot, Shield):
             raise InputError(f"is not followed: {self._why}")
@@ -219,14 +219,14 @@ class LiveController:
     # ------------------------------------------------------------------------------------------------------- ticks
 
     def tick(self) -> dict[str, Any]:
-        """Go on to now, and return what holds then as a tick (`safe_ompl.io.ticks`).
+        """Compute the next command, and return the state of robot and surroundings as a tick (`safe_ompl.io.ticks`).
 
-        `command` is what the robot should do from then on; it is to be sent if `driving`.
+        If `driving` is true afterwards, the caller sends `command` to the robot.
         """
         before, self._now = self._now, self._clock()
         if self._now < before:
             self._forget()
-            # In a program it is no longer known which objects are held.
+            # The program cannot be continued, because the objects that are held are no longer known.
             self._planning, self._wanted = None, self.cell.shielded
             self._why = f"the clock went back by {before - self._now:.3f} s"
             return self._record()
@@ -242,7 +242,7 @@ class LiveController:
         return self._record()
 
     def think(self, units: int = 60) -> None:
-        """Search a detour in the time that is left until the next tick; see `Replanner.think`."""
+        """Search a detour in the time left until the next tick; see `Replanner.think`."""
         if self.driving and isinstance(self._pilot, Replanner):
             self._pilot.think(units)
 
@@ -251,7 +251,7 @@ class LiveController:
         self.driving, self._why = False, why
 
     def _fault(self) -> str | None:
-        """Return why the robot must be stopped, if it must."""
+        """Return the reason why the robot must be stopped, or None."""
         if self.blocked:
             return self.blocked
         late = np.inf if self.joints is None else self._now - self.joints.time
@@ -266,12 +266,12 @@ class LiveController:
         return self._astray(self.errors()[0], "it should be") or None
 
     def _allowed(self) -> FloatArray:
-        """Return how far joints (n,) may be from where they should be: what is proven holds within a tube only."""
+        """Return the largest deviations of joints (n,) from the command: the prover's tube, or the tolerance."""
         tube = () if self._pilot is None else self._pilot.prover.separation.tube
         return np.array(tube) if tube else np.full(self.cell.robot.n, self.options.tolerance)
 
     def _astray(self, away: FloatArray, where: str) -> str:
-        """Say which joint is farther away (n,) from a place than it may be; empty if none is."""
+        """Return a message if a deviation (n,) of a joint is larger than allowed, else an empty string."""
         allowed, names = self._allowed(), self.cell.robot.joint_names
         joint = int((away - allowed).argmax())
         if away[joint] <= allowed[joint]:
@@ -279,14 +279,14 @@ class LiveController:
         return f"{names[joint]!r} is {away[joint]:.3f} from where {where}, and {allowed[joint]:.3g} is allowed"
 
     def _expected(self) -> list[State]:
-        """Return what the robot may have done when joints were measured last: what it should, or did a lag before."""
+        """Return the commanded states at several times within the lag before the last measurement of the joints."""
         now, lag = -np.inf if self.joints is None else self.joints.time, self.options.replanning.lag
         times = (now - lag * np.linspace(0.0, 1.0, _LAGS if lag else 1)).tolist()
         given = [(time, [one for one in self._commands if one.time <= time]) for time in times]
         return [before[-1].at(time) for time, before in given if before]
 
     def errors(self) -> tuple[FloatArray, FloatArray]:
-        """Return how far joints and velocities (n,), as measured last, were from what was commanded within the lag."""
+        """Return deviations of the measured joint positions and velocities (n,) from the nearest commanded state."""
         found, joints = self._expected(), self.joints
         if joints is None or not found:
             return np.zeros(self.cell.robot.n), np.zeros(self.cell.robot.n)
@@ -294,17 +294,17 @@ class LiveController:
         return self._apart(nearest.q, joints.q), np.abs(nearest.qd - joints.qd)
 
     def _apart(self, one: FloatArray, other: FloatArray) -> FloatArray:
-        """Return how far (n,) the joints of two configurations are apart."""
+        """Return the absolute differences (n,) of the joints of two configurations."""
         return np.asarray(np.abs(self.cell.robot.difference(one, other)))
 
     def _drive(self) -> None:
-        """Tell the replanner or the shield what was seen, and ask for the next command."""
+        """Pass the measurements to the replanner or shield, and compute the next command."""
         assert self._pilot is not None
         self._inform(self._pilot)
         command = self._pilot.command(self._now + self.options.latency)
         if command is not self.command:
             late, new = self._clock() - command.time, command.time >= self._now
-            # The command before still holds, and the next plan begins after it.
+            # The previous command still holds, and the next plan begins at its end.
             if new and late > 0:
                 self._halt(f"the answer came {1e3 * late:.0f} ms too late")
                 return
@@ -334,7 +334,7 @@ class LiveController:
     # ---------------------------------------------------------------------------------------------------- planning
 
     def _start_planning(self) -> None:
-        """Plan from where the robot stands, once it does and nothing is wrong."""
+        """Begin to plan if the robot stands and there is no fault."""
         why = self._fault()
         if why is not None:
             self._why = why
@@ -344,7 +344,7 @@ class LiveController:
         if not stood or np.abs(self.joints.qd).max() > _RESTING:
             return
         start = self.joints.q
-        # The commanded state has no errors of control.
+        # The commanded state is used as the start, because it has no tracking error.
         if self.command is not None:
             rest = self.command.at(np.inf).q
             away = self._apart(rest, start)
@@ -362,7 +362,7 @@ class LiveController:
         self._why = "plans"
 
     def _resume(self, away: FloatArray) -> None:
-        """Go on with the program, if the joints are no farther (n,) from where it stopped than they may be."""
+        """Continue the program if the deviations `away` (n,) of the joints from its last command are allowed."""
         assert self.segments is not None
         if why := self._astray(away, "the program goes on"):
             self._why = why
@@ -372,7 +372,7 @@ class LiveController:
         self.driving = True
 
     def _take_plan(self) -> None:
-        """Begin to drive if a plan is there."""
+        """If a plan is finished, begin to execute it."""
         if self._planning is None or not self._planning.done():
             return
         planning, self._planning = self._planning, None
@@ -395,7 +395,7 @@ class LiveController:
 
     @property
     def state(self) -> str:
-        """What the robot does, in one word: as `Action` says; planning, or standing, and done without a goal."""
+        """The state of the robot: a value of `Action`, or "planning"."""
         if self.driving and self.command is not None:
             rests = self.segments is not None and self.command.action is Action.DONE  # between two segments
             return (Action.STANDING if rests else self.command.action).value
@@ -406,7 +406,7 @@ class LiveController:
         return Action.DONE.value if self._why == _ARRIVED else Action.STANDING.value
 
     def stop(self) -> tuple[FloatArray, Sequence[Any]]:
-        """Return times [s] and states of the rest of the command until the robot stands; none before the first one."""
+        """Return times [s] and states of the command until the robot stands; empty before the first command."""
         if self.command is None:
             return np.zeros(0), ()
         begin = max(self._now + self.options.latency, self.command.time)
@@ -436,5 +436,5 @@ class LiveController:
         }
 
     def close(self) -> None:
-        """End the thread in which plans are made, once the one that is being made is ready."""
+        """Shut down the executor, after the present plan is finished."""
         self._executor.shutdown(wait=True, cancel_futures=True)

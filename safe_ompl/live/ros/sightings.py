@@ -1,4 +1,4 @@
-"""What a controller has seen: people, objects, joints and clouds, each with its time."""
+"""Measurements of a controller: people, objects, joints and clouds, each with its time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from safe_ompl.live import Surroundings
 from safe_ompl.robot import Robot
 
 _CLOUD = "cloud"
-# Points that are nearer than this to a tracked limb belong to the person.
+# Cloud points that are nearer than this to a tracked limb belong to the person.
 _NEAR_PEOPLE = 0.15  # [m]
 # Points that are farther than this many radii from all points of the earlier cloud are new.
 _NEW_POINT_RADII = 3.0
@@ -23,12 +23,12 @@ _MOST_NOISE_POINTS = 10
 
 
 class Sightings:
-    """The newest measurement of each of some people and objects.
+    """The newest measurement of each person and object.
 
-    The replanner takes all of them as of one time T. That is the oldest of the newest measurements. For who was seen
-    later, at s > T, reach sets that begin at T hold those that begin at s: they have had more time to grow. Who was not
-    seen for `lost_after` [s] does not count; the replanner stops for them. Clocks of sensors may be off by
-    `clock_error` [s]: all measurements are taken to be so much older.
+    The replanner takes all measurements as of one time T, the time of the oldest of the newest measurements. For a
+    person measured later, at s > T, the reach set that begins at T contains the set that begins at s, because it has
+    had more time to grow. A person or object that was not seen for `lost_after` [s] does not count for T; the replanner
+    stops for them. Clocks of sensors may differ by `clock_error` [s], so this time is subtracted from all stamps.
     """
 
     def __init__(self, names: Collection[str], lost_after: float, clock_error: float) -> None:
@@ -37,7 +37,7 @@ class Sightings:
         self._fed = -np.inf
 
     def add(self, name: str, stamp: float, now: float, value: Any) -> None:
-        """Take a measurement of a time [s] if it is newer than that before; raise InputError if it is of the future."""
+        """Take a measurement if it is newer than the last one; raise InputError if its stamp [s] is in the future."""
         time = stamp - self._error
         if time > now:
             raise InputError(f"{name!r} was measured {stamp - now:.3f} s in the future: the clocks differ", "stamp")
@@ -45,11 +45,11 @@ class Sightings:
             self._newest[name] = time, value
 
     def restart(self) -> None:
-        """Begin anew: nobody was told of anything yet."""
+        """Pass all measurements again, for a new replanner."""
         self._fed = -np.inf
 
     def due(self, now: float) -> tuple[float, dict[str, Any]] | None:
-        """Return what the replanner should be told, and of which time [s]; None: nothing new."""
+        """Return the time T [s] and the measurements for the replanner; None if nothing is new since the last call."""
         if not self._names:
             return now, {}
         fresh = [time for time, _ in self._newest.values() if time > now - self._lost_after]
@@ -60,7 +60,7 @@ class Sightings:
 
 
 class Joints(NamedTuple):
-    """Measured joints."""
+    """Measured joint positions and velocities (n,)."""
 
     time: float  # [s]
     q: FloatArray
@@ -68,7 +68,7 @@ class Joints(NamedTuple):
 
 
 class CloudView(NamedTuple):
-    """Points of the newest cloud that are neither the robot's nor a tracked person's, in the world."""
+    """Points of the newest cloud in the world, without points on the robot or on a tracked person."""
 
     points: FloatArray  # (M, 3) [m]
     # The radius of the ball about each point [m].
@@ -78,7 +78,7 @@ class CloudView(NamedTuple):
     def seen(
         cls, points: FloatArray, radius: float, robot: Robot, q: FloatArray, around: Surroundings | None
     ) -> CloudView:
-        """Return points (M, 3), measured while the robot was at `q: (n,)`, without points of the robot."""
+        """Return the view of points (M, 3) [m] measured while the robot was at `q: (n,)`; NaN points are dropped."""
         kept = points[np.isfinite(points).all(axis=1)]
         kept = kept[~robot_points(kept, robot, q, radius)]
         for person in () if around is None else around.people.values():
@@ -94,7 +94,7 @@ class CloudView(NamedTuple):
         return Obstacle(_CLOUD, PointCloud(self.radius, points=self.points)) if len(self.points) else None
 
     def news(self, before: CloudView | None) -> int:
-        """Return how many points are far from all points of the cloud before; 0 if they are as few as noise."""
+        """Return the number of points far from all points of the cloud `before`; 0 if so few may be noise."""
         edge = _NEW_POINT_RADII * self.radius
         old = np.zeros((0, 3)) if before is None else before.points
         known = {tuple(cell) for cell in np.floor(old / edge).astype(int).tolist()}
