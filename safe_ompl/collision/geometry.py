@@ -1,4 +1,4 @@
-"""The bodies of a robot and, after them, the parts of obstacles, of which some may move."""
+"""The bodies of a robot, followed by the parts of the obstacles of a scene, some of which may move."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from safe_ompl.scene import Scene
 
 
 class SceneGeometry:
-    """The bodies of a robot and, after them, the parts of the obstacles of a scene, of which some may move.
+    """The bodies of a robot, followed by the parts of the obstacles of a scene, some of which may move.
 
-    `names` has the link or obstacle of each of the G bodies, `parts` those of all obstacles, where they are now in the
-    world, and `touched_by` the links that may touch an obstacle. Obstacles are no part of a model of Pinocchio: that
-    has a table of all pairs of bodies, and makes it anew for each body that is added. Raises InputError if the scene
-    has no movable obstacle of a name, or the names are no list.
+    `names` are the link or obstacle of each of the G bodies, `parts` the parts of all obstacles at their present poses
+    in the world, and `touched_by` the links that may touch an obstacle. Obstacles are not part of a Pinocchio model,
+    because it rebuilds a table of all pairs of bodies for each added body. Raises InputError if `movable` is not a
+    list, or names an obstacle that the scene does not have.
     """
 
     def __init__(self, robot: Robot, scene: Scene, movable: Sequence[str]) -> None:
@@ -37,9 +37,9 @@ class SceneGeometry:
         self._scene = scene
 
     def move(self, scene: Scene) -> bool:
-        """Take the places of another scene; return whether anything has moved.
+        """Use the poses of another scene; return whether any obstacle has moved.
 
-        Raises InputError if anything but the place of a movable obstacle differs. Then nothing moves.
+        Raises InputError if anything but the pose of a movable obstacle differs. Then nothing moves.
         """
         moves = self._moves(scene)
         for k, obstacle, shapes in moves:
@@ -49,7 +49,7 @@ class SceneGeometry:
         return bool(moves)
 
     def _moves(self, scene: Scene) -> list[tuple[int, Obstacle, list[Part]]]:
-        """Return which obstacles are elsewhere, and their parts where these were measured anew, else none."""
+        """Return the obstacles that have moved, with their new parts if the shape has changed, else an empty list."""
         if scene.names != self._scene.names:
             raise InputError(f"must have the same obstacles, {list(self._scene.names)}, got {list(scene.names)}")
         moves: list[tuple[int, Obstacle, list[Part]]] = []
@@ -76,6 +76,6 @@ class SceneGeometry:
 
 
 def _placed(own: list[Part], obstacle: Obstacle) -> list[Part]:
-    """Return the parts of an obstacle where they are in the world."""
+    """Return the parts of an obstacle with their poses in the world."""
     pose = obstacle.pose.se3
     return [part._replace(placement=pose * part.placement) for part in own]

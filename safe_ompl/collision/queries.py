@@ -1,4 +1,4 @@
-"""What coal says of pairs of bodies: which are nearer than their margins, distances, points that are nearest."""
+"""Queries to coal for pairs of bodies: margin checks, distances, and nearest points."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.geometry import DISTANCE_ERROR
 from safe_ompl.robot import Robot
 
-# A distance of trees that is asked for first. It is more than the error of coal's distances.
+# Upper bound for a first distance query with an octree. It exceeds the error of coal's distances.
 _SPARE = 1e-4  # [m]
 _DISTANCE = coal.DistanceRequest()
 
 
 class Nearest(NamedTuple):
-    """The distance [m] of two bodies, in the world their nearest points (2, 3) [m], and the normal (3,) to the second.
+    """The distance [m] of two bodies, and in the world their nearest points (2, 3) [m] and normal (3,) to the second.
 
     In contact the distance is ≤ 0, and the normal the shortest way out.
     """
@@ -34,9 +34,9 @@ _Placed: TypeAlias = tuple[coal.CollisionGeometry, pin.SE3]
 
 
 class CoalPairs:
-    """Answers of coal for pairs (P, 2) of bodies, with the robot where it was placed last and obstacles as they are.
+    """Coal queries for pairs (P, 2) of bodies, at the last configuration of `place` and the present poses of obstacles.
 
-    One thread's; nothing else may change meanwhile.
+    An instance belongs to one thread. Nothing may change during a query.
     """
 
     def __init__(self, robot: Robot, geometry: SceneGeometry, pairs: IntArray) -> None:
@@ -52,7 +52,7 @@ class CoalPairs:
         pin.updateGeometryPlacements(self._model, self._kinematics, self._bodies, self._data, full)
 
     def placed(self, body: int) -> _Placed:
-        """Return a body, and where it is in the world."""
+        """Return the geometry of a body and its pose in the world."""
         own = len(self._solids)
         if body < own:
             return self._solids[body].geometry, self._data.oMg[int(body)]
@@ -62,8 +62,8 @@ class CoalPairs:
     def are_nearer(self, pair: int, margin: float) -> bool:
         """Return whether a pair is nearer than a margin [m], ≥ 0.
 
-        With a margin of zero coal takes bodies that overlap, now and then by centimetres, for a micrometre apart, and
-        calls them free: what is nearer than it can tell counts as touching.
+        With a margin of zero, coal sometimes reports overlapping bodies, even by centimetres, as a micrometre apart and
+        therefore free. Hence the distance error is added to the margin.
         """
         self._collision.security_margin = margin + DISTANCE_ERROR
         self._result.clear()
@@ -71,17 +71,17 @@ class CoalPairs:
         return bool(coal.collide(*_posed(*first), *_posed(*second), self._collision, self._result))
 
     def nearest(self, pair: int) -> Nearest:
-        """Return how near each other the bodies of a pair are."""
+        """Return distance, nearest points and normal of a pair."""
         first, second = map(self.placed, self._pairs[pair])
         tree, result = isinstance(second[0], coal.OcTree), coal.DistanceResult()
         for seed in (_SPARE, inf) if tree else (inf,):
-            # Trees in contact are found without looking at what is farther away.
+            # With a small upper bound, coal finds trees in contact without searching farther parts.
             result.min_distance = seed
             coal.distance(*_posed(*first), *_posed(*second), _DISTANCE, result)
             if result.min_distance < seed:
                 break
         points, normal = np.array([result.getNearestPoint1(), result.getNearestPoint2()]), np.array(result.normal)
-        # Coal puts the tree first in whichever order it is given the two.
+        # Coal returns the tree's point first, in either order of the two arguments.
         if tree:
             points, normal = points[::-1], -normal
         return Nearest(float(result.min_distance), points, normal)

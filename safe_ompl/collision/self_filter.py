@@ -1,4 +1,4 @@
-"""Removes the points of the robot itself from the point clouds of a scene."""
+"""Remove the points of the robot itself from the point clouds of a scene."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from safe_ompl.scene import Scene
 
 _log = logging.getLogger(__name__)
 
-# The radius of the ball that stands for a point in a query.
+# Radius of the ball that represents a point in a query.
 _POINT_RADIUS = 1e-6  # [m]
-# A point that is this near to a hull is on the hull.
+# Points within this distance of a hull count as on the hull.
 _ON = 1e-9  # [m]
 _BLOCK = 2048  # points at once
 
 
 def without_robot(scene: Scene, robot: Robot, q: ArrayLike, margin: float) -> Scene:
-    """Return a scene whose clouds have no points of the robot; the log says how many are left out.
+    """Return a scene whose clouds have no points of the robot. The log reports how many points are removed.
 
-    A point goes if it is inside one of the robot's collision bodies, or nearer than `margin` to one. What remains of a
-    cloud keeps all else; a cloud of which nothing remains leaves the scene. Other obstacles stay as they are. Points of
-    a person's hand on the robot go, too: keep the margin small.
+    A point is removed if it is inside one of the robot's collision bodies, or nearer than `margin` to one. The rest of
+    the cloud keeps its other properties. A cloud without remaining points is removed from the scene. Other obstacles
+    are unchanged. Points of a person's hand on the robot are removed, too, so the margin should be small.
 
     Parameters
     ----------
     scene, robot : Scene, Robot
         The scene, with clouds, and the robot that the camera saw.
     q : array_like, shape (n,)
-        Where it stood then [rad or m].
+        The robot's configuration at that time [rad or m].
     margin : float
-        How near to its bodies points are its own, ≥ 0 [m]: what the camera and the joints may be off.
+        Points nearer than this to a body belong to the robot, ≥ 0 [m]. It covers the errors of camera and joints.
     """
     obstacles = []
     for obstacle in scene:
@@ -77,7 +77,7 @@ def robot_points(points: ArrayLike, robot: Robot, q: ArrayLike, margin: float) -
 
 
 def _within(shape: coal.CollisionGeometry, points: FloatArray, margin: float) -> BoolArray:
-    """Return which points are within a margin of a shape, in the shape's frame; meshes are hollow."""
+    """Return which points are within a margin of a shape, in the shape's frame. Meshes are hollow."""
     near, unknown = np.zeros(len(points), dtype=bool), np.arange(len(points))
     if isinstance(shape, coal.Convex):
         near, beyond = _within_faces(*hull_planes(shape), points, margin)
@@ -89,10 +89,10 @@ def _within(shape: coal.CollisionGeometry, points: FloatArray, margin: float) ->
 def _within_faces(
     normals: FloatArray, heights: FloatArray, points: FloatArray, margin: float
 ) -> tuple[BoolArray, BoolArray]:
-    """Return which points are within a margin of a hull, and which beyond it; near its edges, neither may be known.
+    """Return which points are within a margin of a hull, and which are beyond it. Near edges neither may be known.
 
-    The hull is nowhere nearer to a point than the farthest of its planes; it is as near as that plane where the point's
-    foot on the plane is on the hull.
+    The distance of a point from the hull is at least its distance from the farthest plane of the hull. Both are equal
+    if the point's projection on this plane is on the hull.
     """
     near, beyond = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
     for first in range(0, len(points), _BLOCK):

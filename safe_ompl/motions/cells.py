@@ -1,4 +1,4 @@
-"""Cells of motions, and bounds of how fast the bodies of a robot are along them, proven for whole cells."""
+"""Cells of motions, and bounds of the speeds of a robot's bodies that are proven for whole cells."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class CurvePoints(NamedTuple):
-    """Configurations and their derivatives by the parameter of a motion, each (S, n): q, q′, q″ and q‴."""
+    """Configurations and their derivatives with respect to the parameter of a motion, each (S, n): q, q′, q″ and q‴."""
 
     q: FloatArray
     dq_ds: FloatArray
@@ -26,7 +26,7 @@ class CurvePoints(NamedTuple):
 
 
 class Boxes(NamedTuple):
-    """Boxes of q′ and q″ over N cells, each (N, n)."""
+    """Ranges of q′ and q″ over N cells, each (N, n)."""
 
     dq_ds_low: FloatArray
     dq_ds_high: FloatArray
@@ -36,7 +36,10 @@ class Boxes(NamedTuple):
 
 @dataclass(frozen=True)
 class Cells:
-    """N cells of a motion: boxes of q′ and q″ over whole cells, bounds (N, n) of |q‴|, and `stops`, edges at rest."""
+    """N cells of a motion: ranges of q′ and q″ over whole cells, and bounds (N, n) of |q‴|.
+
+    `stops` are the edges at which the robot is at rest.
+    """
 
     edges: FloatArray
     boxes: Boxes
@@ -53,12 +56,12 @@ class Cells:
 
     @property
     def centres(self) -> FloatArray:
-        """Parameters (N,) in the middle of the cells."""
+        """Parameters (N,) at the centres of the cells."""
         return np.asarray(0.5 * (self.edges[1:] + self.edges[:-1]))
 
     @cached_property
     def last_before_stop(self) -> IntArray:
-        """For each cell (N,) the last cell before the robot stops in any case."""
+        """For each cell (N,) the last cell before the robot is next at rest."""
         stops = np.append(self.stops, len(self))
         return np.asarray(stops[np.searchsorted(stops, np.arange(len(self)), side="right")] - 1)
 
@@ -74,7 +77,7 @@ class Cells:
 
 
 def divided_edges(edges: FloatArray, parts: IntArray) -> FloatArray:
-    """Return the edges of cells that are divided, each in as many equal parts as `parts: (N,)` says."""
+    """Return the edges of cells after dividing each cell into `parts: (N,)` equal parts."""
     inside = np.arange(int(parts.sum())) - np.repeat(np.cumsum(parts) - parts, parts)
     starts = np.repeat(edges[:-1], parts) + inside / np.repeat(parts, parts) * np.repeat(np.diff(edges), parts)
     return np.append(starts, edges[-1])
@@ -84,11 +87,11 @@ def divided_edges(edges: FloatArray, parts: IntArray) -> FloatArray:
 
 
 class BodySpeeds:
-    """Bounds of the speed of every point of a body of a robot, per unit of its parameter, over the cells of a motion.
+    """Bounds of the speed of every point of a robot's bodies over the cells of a motion, per unit of the parameter.
 
-    At the centre of a cell it is exact for the corners of the body's bounding box, and convex between them. Away from
-    it, it changes no faster than the acceleration allows: with r_j = R̄_j|q′_j|, w_j = |q′_j| where joint j turns and
-    W_j the sum of w over the joints beneath, Σ r_j (2W_j + w_j) + Σ R̄_j |q″_j|; see
+    At the centre of a cell the speed is exact for the corners of the body's bounding box, and convex between them. Away
+    from the centre, it changes at most by the acceleration: with r_j = R̄_j|q′_j|, w_j = |q′_j| for revolute joints j
+    and W_j the sum of w over the joints beneath, Σ r_j (2W_j + w_j) + Σ R̄_j |q″_j|; see
     `safe_ompl.danger.certified.KeypointRates`.
     """
 
@@ -103,7 +106,7 @@ class BodySpeeds:
         self._turned = robot.supporting_joints(carriers) & ~robot.joint_prismatic
 
     def bounds(self, motion: Motion, cells: Cells) -> FloatArray:
-        """Return the bounds (N, G + 1) [m/rad]: of the G bodies of `collision_model`, and of the tip."""
+        """Return speed bounds (N, G + 1) [m/rad] of the G bodies of `collision_model`, and of the tip."""
         place = motion.places(cells.centres)
         half = cells.sizes[:, None] / 2
         values, rates = (plain(self._robot.coupling.values(place.q)), plain(self._robot.coupling.motions(place.dq_ds)))

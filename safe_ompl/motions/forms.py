@@ -1,4 +1,4 @@
-"""Forms in which motions come, as polynomials on the unit interval: way points, Hermite, Bézier, B-splines."""
+"""Convert representations of motions to polynomials on [0, 1]: way points, Hermite, Bézier and B-splines."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from safe_ompl.common import (
 )
 from safe_ompl.robot import Robot
 
-# Times must be farther apart: powers of less have no digits.
+# Smallest difference of consecutive times. Powers of smaller differences lose all digits.
 _LEAST_TIME_STEP = 1e-9  # [s]
-# Powers lose a factor of 3 in precision per degree, which is 1e7 at this one.
+# Largest degree. Conversion to powers loses a factor of 3 in precision per degree, which is 1e7 at this degree.
 _MOST_DEGREE = 15
 
 Pieces: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
@@ -32,7 +32,10 @@ Pieces: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def straight(times: ArrayLike | None, points: ArrayLike, name: str) -> Pieces:
-    """Return the lines through points (N, n), without times (N,) at 0, 1, …; one point alone is a path that stays."""
+    """Return the lines through points (N, n) at times (N,), by default 0, 1, ….
+
+    A single point gives a constant path.
+    """
     held = finite_array(points, (None, None), name)
     if times is None and len(held) == 1:
         held = np.repeat(held, 2, axis=0)
@@ -66,13 +69,13 @@ def hermite(times: ArrayLike, positions: ArrayLike, velocities: Any, acceleratio
 
 
 def bezier(control_points: ArrayLike, times: ArrayLike) -> Pieces:
-    """Return Bézier curves of control points (K, d + 1, n), one after another."""
+    """Return consecutive Bézier curves with control points (K, d + 1, n)."""
     points = of_degree(finite_array(control_points, (None, None, None), "control points"))
     return _increasing(times, len(points) + 1), *polynomials.powers(points, np.zeros_like(points[:, 0]))
 
 
 def bspline(thing: Any) -> Pieces:
-    """Return SciPy's B-spline where it is defined; SciPy has looked at its knots."""
+    """Return SciPy's B-spline on its domain. SciPy has already validated the knots."""
     degree = whole_number("degree of the B-spline", int(thing.k), at_least=1, at_most=_MOST_DEGREE)
     knots = finite_array(thing.t, (None,), "knots")
     held = finite_array(vectors(thing, 2)[: len(knots) - degree - 1], (None, None), "control points")
@@ -84,7 +87,7 @@ def powers_from_left(thing: Any) -> Pieces:
     pieces = np.swapaxes(vectors(thing, 3), 0, 1)
     pieces = finite_array(pieces, (None, None, None), "coefficients")
     times = _increasing(thing.x, len(pieces) + 1)
-    # The highest powers that no piece has are left out.
+    # Highest powers that are zero in all pieces are dropped.
     unused = np.cumsum(np.abs(pieces[:, :-1]).sum(axis=(0, 2))) == 0
     rising = of_degree(pieces[:, int(unused.sum()) :][:, ::-1])
     orders = np.arange(float(rising.shape[1]))
@@ -94,7 +97,7 @@ def powers_from_left(thing: Any) -> Pieces:
 
 
 def _increasing(times: ArrayLike, count: int | None = None) -> FloatArray:
-    """Return times that increase by a nanosecond at least, `count` of them if that is given."""
+    """Return times that increase by at least a nanosecond; raise InputError if they do not, or are not `count` many."""
     found = finite_array(times, (None,), "times")
     if count is not None and len(found) != count:
         raise InputError(f"must be {count}, got {len(found)}", "times")
@@ -109,7 +112,7 @@ def _increasing(times: ArrayLike, count: int | None = None) -> FloatArray:
 
 
 def _rate_rows(values: Any, shape: tuple[int, int], name: str) -> tuple[FloatArray, BoolArray]:
-    """Return rates (N, n), and which points have any; rows of points that have none are 0."""
+    """Return derivatives (N, n), and which points have them. Rows of the other points are 0."""
     if values is None:
         return np.zeros(shape), np.zeros(shape[0], dtype=bool)
     if (
@@ -126,7 +129,7 @@ def _rate_rows(values: Any, shape: tuple[int, int], name: str) -> tuple[FloatArr
 
 
 def of_degree(pieces: FloatArray) -> FloatArray:
-    """Return coefficients (K, d + 1, n) if the degree is not too high."""
+    """Return coefficients (K, d + 1, n); raise InputError if their degree is too high."""
     if pieces.shape[1] > _MOST_DEGREE + 1:
         raise InputError(
             f"must have a degree of {_MOST_DEGREE} at most, beyond which powers lose digits, got {pieces.shape[1] - 1}",
@@ -136,7 +139,7 @@ def of_degree(pieces: FloatArray) -> FloatArray:
 
 
 def vectors(thing: Any, dimensions: int) -> Any:
-    """Return the coefficients of SciPy's `thing`, which must be those of vectors (n,)."""
+    """Return the coefficients of a SciPy object; raise InputError unless its values are vectors (n,)."""
     held = np.asarray(thing.c)
     if held.ndim != dimensions:
         raise InputError(f"must have values of shape (n,), got {held.shape[dimensions - 1 :]}", type(thing).__name__)
@@ -144,7 +147,7 @@ def vectors(thing: Any, dimensions: int) -> Any:
 
 
 def named(names: Iterable[str], n: int) -> tuple[str, ...]:
-    """Return the names of n joints, which must differ."""
+    """Return the names of n joints; raise InputError if names repeat."""
     found = tuple(documents.text("joint name", name) for name in documents.sequence("joint names", names))
     if len(set(found)) < len(found):
         raise InputError(f"must differ, got {listed(found)}", "joint names")
@@ -167,7 +170,7 @@ def path_states(path: Any, space: Any) -> FloatArray:
 
 
 def columns(names: tuple[str, ...] | None, n: int, robot: Robot) -> list[int]:
-    """Return which of n columns each joint of a robot has: by name, or in its own order."""
+    """Return the column of each of the robot's joints among n columns: by name, or in the robot's order."""
     if names is None:
         if n != robot.n:
             raise InputError(f"must have {robot.n} columns, for {', '.join(robot.joint_names)}, got {n}", "motion")
@@ -182,7 +185,7 @@ def columns(names: tuple[str, ...] | None, n: int, robot: Robot) -> list[int]:
 
 
 def sampled(times: ArrayLike, positions: ArrayLike, max_velocity: float | ArrayLike) -> tuple[Pieces, FloatArray]:
-    """Return the lines through samples (N, n), and how far (N − 1, n) joints no faster than a velocity may be away."""
+    """Return the lines through samples (N, n), and how far (N − 1, n) joints may be away, from their top speed."""
     pieces, held = straight(times, positions, "positions"), np.asarray(positions, dtype=np.float64)
     n = held.shape[1]
     v = finite_array(np.full(n, max_velocity) if np.ndim(max_velocity) == 0 else max_velocity, (n,), "largest velocity")

@@ -1,4 +1,4 @@
-"""Proofs of the pieces of a motion, and what stands in the way of one."""
+"""Proofs of the pieces of a motion, and the reasons why a piece is not proven."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.rates import Violation
 
 _OUT_OF_TIME = "out of time"
-# The shortest stretch that is reported as not proven, as a share of a piece.
+# The shortest stretch that is reported as unproven, as a share of a piece.
 _LEAST_REPORTED_SHARE = 2.0**-7
-# A smaller required distance allows for rounding, and is not called a clearance.
+# A smaller required distance only covers rounding, and is not called a clearance.
 _LEAST_CLEARANCE = 1e-6  # [m]
 
 
 class PieceProof(NamedTuple):
-    """The proof of piece `number` of a motion, and of parts of it: coefficients (d + 1, n), in a time span [s].
+    """The proof of piece `number` of a motion, with coefficients (d + 1, n) and a time span [s], or of parts of it.
 
-    `proof` has the allowance of the piece in its tube.
+    The tube of `proof` includes the allowance of the piece.
     """
 
     number: int
@@ -45,14 +45,14 @@ class PieceProof(NamedTuple):
         return self.span[0] + u * (self.span[1] - self.span[0])
 
     def verdict(self, low: float = 0.0, high: float = 1.0) -> MotionVerdict:
-        """Return the verdict on the piece from one fraction to another; its `at` is a fraction of this part."""
+        """Return the verdict on the part of the piece between two fractions. Its `at` is a fraction of this part."""
         if self.proof.stop():
             return MotionVerdict(Verdict.UNDECIDED, 0.0)
         whole = (low, high) == (0.0, 1.0)
         return self.proof.check_curve(self.curve if whole else polynomials.restricted(self.curve, low, high))
 
     def unproven(self, low: float = 0.0, high: float = 1.0) -> Iterator[Violation]:
-        """Yield short stretches between two fractions of the piece that are not proven, by time."""
+        """Yield short unproven stretches between two fractions of the piece, by time."""
         found = self.verdict(low, high)
         if found.verdict is Verdict.FREE:
             return
@@ -71,7 +71,7 @@ class PieceProof(NamedTuple):
         yield replace(stretch, decided=decided, **self._values(found, self.place(u)))
 
     def _values(self, found: MotionVerdict, q: FloatArray) -> dict[str, Any]:
-        """Return what kind of violation is found at `q: (n,)`, of what, its value, and what was asked for."""
+        """Return kind, names, value and limit of a violation at `q: (n,)`."""
         (name, what), checker = found.pair or ("", ""), self.proof.checker
         robot = checker.robot
         if what == "its limits" and name in robot.joint_names:
@@ -85,7 +85,7 @@ class PieceProof(NamedTuple):
                 if isinstance(limit, ToolLimit):
                     return {"kind": name, "value": limit.excess(q), "unit": "m outside"}
                 return {"kind": name}
-        # These are the pairs that may touch, which are the first of those required.
+        # The pairs that may touch come first among the required ones.
         distances = checker.pair_distances(q)
         if not len(distances):
             return {}
@@ -95,13 +95,13 @@ class PieceProof(NamedTuple):
         given = {"names": checker.pair_names[worst], "value": distance}
         if distance <= 0.0 or least <= _LEAST_CLEARANCE:
             return given
-        # What the tube and the allowance of the piece add is no limit that somebody has set.
+        # The distances added by the tube and the allowance of the piece are not a limit set by the user.
         asked = float(replace(self.proof.separation, tube=()).required(checker).least[worst])
         return {**given, "kind": "clearance", "limit": asked or None, "nearer": least - asked}
 
 
 def proven_by_bounds(pieces: Sequence[PieceProof]) -> BoolArray:
-    """Return which pieces (K,) bounds of distances prove, in one pass; of the others nothing is said."""
+    """Return which pieces (K,) distance bounds prove in one pass. The other pieces are undecided."""
     proof = pieces[0].proof
     if proof.limits or any(piece.proof is not proof for piece in pieces):
         return np.zeros(len(pieces), dtype=bool)
@@ -109,7 +109,7 @@ def proven_by_bounds(pieces: Sequence[PieceProof]) -> BoolArray:
 
 
 def piece_proofs(motion: Motion, proof: MotionProver) -> Iterator[PieceProof]:
-    """Yield the proofs of the pieces of a motion, its joints in the order of the robot's."""
+    """Yield the proofs of the pieces of a motion, whose joints are in the robot's order."""
     separation, allowance = proof.separation, motion.allowance
     if motion.slack is None:
         # All pieces get the same allowance for rounding, so that they share a proof.

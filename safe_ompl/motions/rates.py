@@ -1,4 +1,4 @@
-"""Proven extremes of positions, velocities, accelerations and jerks of a motion; violations; stops beside people."""
+"""Proven extremes of positions, velocities, accelerations and jerks of a motion, violations, and stops for people."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from safe_ompl.scene import People
 _DERIVATIVES = ("position", "velocity", "acceleration", "jerk")
 _DERIVATIVE_UNITS = ("", "/s", "/s²", "/s³")
 DISTANCES = ("collision", "clearance", "separation")
-# A position may be outside of its limits by this, as for `Robot.within_limits`.
+# Tolerance of the position limits, as for `Robot.within_limits`.
 _POSITION_TOLERANCE = 1e-9  # [rad or m]
-# Bodies of a motion that is known to rounding may come nearer by less than this, which no message names.
+# Smaller decreases of the distance, from rounding, are not mentioned in messages.
 _NEGLIGIBLE_DISTANCE = 1e-6  # [m]
 
 
 class Extremes(NamedTuple):
-    """Bounds (K, n) of a derivative on every piece: none of its values is below `low` or above `high`."""
+    """Bounds (K, n) of a derivative on every piece: all its values lie between `low` and `high`."""
 
     low: FloatArray
     high: FloatArray
@@ -42,31 +42,31 @@ class Extremes(NamedTuple):
 class Violation:
     """A stretch of a motion that is not proven."""
 
-    # "collision", "clearance", "danger", "tool orientation", "tip position", the name of a check of the user's own,
-    # "position", "velocity", "acceleration" or "jerk"; "separation": a stop that begins there is too late
+    # "collision", "clearance", "danger", "tool orientation", "tip position", the name of a user's check, "position",
+    # "velocity", "acceleration" or "jerk"; "separation" if a stop that begins there ends too late.
     kind: str
-    # The violation is somewhere between these two times [s].
+    # The violation occurs between these two times [s].
     first: float
     last: float
-    # The time at which it is worst, of the times that were computed [s].
+    # Time of the worst violation among the computed times [s].
     at: float
     # The pair of bodies, or the joint. For a late stop these are the link and the person's limb.
     names: tuple[str, ...]
-    # What is found there, and the limit that was set and that it exceeds or falls below: distance [m], danger, or the
-    # rate of a joint; None where nobody set one. Of stops the distance that is left to people, negative by how much
-    # farther they may have come, and their clearance.
+    # The value found, and the limit that it exceeds or falls below: distance [m], danger, or derivative of a joint
+    # value. The limit is None if there is no explicit one. For stops: the remaining distance to people, negative if
+    # they may have come farther, and their clearance.
     value: float | None = None
     limit: float | None = None
     # False if neither a violation nor a proof was found.
     decided: bool = True
-    # Unit of `value` and `limit`, if they are no distances.
+    # Unit of `value` and `limit`, unless they are distances.
     unit: str = ""
-    # By how much nearer [m] than `value` the pair may come within the tube, and where else the motion may be.
+    # Distance [m] by which the pair may come nearer than `value` within the tube and the uncertainty of the motion.
     nearer: float = 0.0
 
     @property
     def quantities(self) -> tuple[str, str]:
-        """Value and limit with their unit, distances in mm; empty where there is none."""
+        """Value and limit with their units, distances in mm; empty if missing."""
         scale, unit = (1e3, "mm") if self.kind in DISTANCES else (1.0, self.unit)
         value, limit = (
             "" if given is None else f"{scale * given:.4g}{' ' * bool(unit)}{unit}"
@@ -78,7 +78,7 @@ class Violation:
         return self.in_words(f"{self.at:.4g} s")
 
     def in_words(self, at: str) -> str:
-        """Return what it is in a line; where says `at`, with its unit."""
+        """Return a one-line description. `at` is the place or time as text, with its unit."""
         value, limit = self.quantities
         names = " and ".join(map(repr, self.names))
         found = f", {value}" * bool(value)
@@ -94,7 +94,10 @@ class Violation:
 def extremes(
     motion: Motion, order: int, low: FloatArray | float = np.inf, high: FloatArray | float = -np.inf
 ) -> Extremes:
-    """Return proven bounds of the derivative of an order: 0 for positions, 1 for velocities."""
+    """Return proven bounds of the derivative of an order: 0 for positions, 1 for velocities.
+
+    Bounds are tight only where they would exceed `high` or fall below `low`.
+    """
     held = motion.derivative_coefficients(order)
     spans = np.diff(motion.times)[:, None]
     error = (held.shape[1] + 2) * polynomials.EPS * np.abs(held).sum(axis=1)
@@ -107,7 +110,7 @@ def extremes(
 
 
 def _peaks(points: FloatArray, enough: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return upper bounds (K, n) of pieces, near where they are above `enough`, and where in [0, 1] they are taken."""
+    """Return upper bounds (K, n) of pieces, tight where they exceed `enough`, and their fractions in [0, 1]."""
     bound: FloatArray = points.max(axis=1)
     at: FloatArray = points.argmax(axis=1) / max(points.shape[1] - 1, 1)
     chosen = bound > enough
@@ -118,14 +121,14 @@ def _peaks(points: FloatArray, enough: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def rate_violations(motion: Motion, robot: Robot, limits: RateLimits | None = None) -> list[Violation]:
-    """Return where a motion exceeds limits of joints; none are proven not to be exceeded anywhere.
+    """Return where a motion exceeds joint limits. An empty list proves that the motion exceeds none.
 
-    They come by time; of each joint and each run of pieces on which it exceeds a limit the worst is named. Positions,
-    those of continuous joints aside, may be 1e-9 rad or m outside, rates `RATE_TOLERANCE` above their limit. Rates are
-    looked at where there are `limits`, and the motion is a function of time and no bare samples. Velocities must not
-    jump between pieces, and with a limit of the jerk, neither must accelerations.
+    Violations are sorted by time. For each joint and each run of pieces with a violation, the worst is returned.
+    Positions of non-continuous joints may be 1e-9 rad or m outside, other values `RATE_TOLERANCE` above their limit.
+    Velocities, accelerations and jerks are checked if `limits` are given and the motion is timed, without slack.
+    Velocities must not jump between pieces; with a limit of the jerk, accelerations must not jump either.
 
-    Raises InputError if the motion or the limits are not this robot's.
+    Raises InputError if the motion or the limits are of another robot.
     """
     motion = motion.for_robot(robot)
     low, high, low_at, high_at = extremes(motion, 0, robot.lower, robot.upper)
@@ -155,7 +158,7 @@ def rate_violations(motion: Motion, robot: Robot, limits: RateLimits | None = No
 def _worst(
     robot: Robot, order: int, kind: str, times: FloatArray, values: FloatArray, excess: FloatArray, limits: FloatArray
 ) -> Iterator[Violation]:
-    """Yield of each joint and each run of rows with an excess > 0 the one of the largest; arrays are (K, n)."""
+    """Yield the largest excess > 0 of each joint in each run of rows; arrays are (K, n)."""
     excess = np.where(np.isnan(excess), np.inf, excess)
     for joint in np.flatnonzero((excess > 0).any(axis=0)).tolist():
         rows = np.flatnonzero(excess[:, joint] > 0)
@@ -172,7 +175,7 @@ def _worst(
 
 
 def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, people: People) -> Stops:
-    """Return how a motion, its joints in the order of the robot's, stops beside people within a proof's tube."""
+    """Return the stops of a motion for people, within the tube of a proof. Joints must be in the robot's order."""
     if not motion.rated:
         why = "bare samples have no rates" if motion.timed else "it has no times"
         raise InputError(f"stops beside people cannot be proven: {why}", "motion")
@@ -186,7 +189,7 @@ def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, peo
         )
     checker = proof.checker
     people = within_tube(MotionCaps(people), proof).people or people
-    # Jumps count, too: distances are kept from one piece to the next.
+    # Jumps count too, because distances are kept from one piece to the next.
     off = motion.allowance.sum(axis=0)
     nearer = float((checker.robot.bounds.displacement_radii @ off).max(initial=0.0))
     distances = PeopleDistances(checker.robot, checker.scene, replace(people, clearance=people.clearance + nearer))
@@ -203,7 +206,10 @@ def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, peo
 
 
 def _stop_cells(motion: Motion) -> Cells:
-    """Return cells of a motion in time in which the joints move little, in all no fewer than a trajectory has."""
+    """Return cells of a timed motion in which the joints move little.
+
+    They are at least as fine as those of a trajectory.
+    """
     rates = polynomials.bernstein(motion.derivative_coefficients(1))
     lengths = np.linalg.norm(np.abs(rates).max(axis=1), axis=1) * np.diff(motion.times)
     step = min(CELL_LENGTH, float(lengths.sum()) / CELLS)

@@ -1,11 +1,11 @@
-"""Lower bounds of the time that people need to reach the robot along a motion, proven for every cell.
+"""Lower bounds of the time in which people can reach the robot along a motion, proven for every cell.
 
-A limb that is no faster than a speed may be at a distance d [m] after the time d / speed at the earliest.
+A limb with a bounded speed covers a distance d [m] after the time d / speed at the earliest.
 
-Every distance is a lower bound for the middle of a cell, less what the body moves from there to an end of it. In the
-middle it is bounded by balls, then by a ball and a box, then by planes that separate convex bodies
-(`geometry.convex`), each only where the one before may let the limb be the first to arrive. Bodies that are not
-convex count as their hulls.
+Every distance is a lower bound at the centre of a cell, minus the motion of the body from there to an end of the cell.
+At the centre the distance is bounded by balls, then by a ball and a box, then by planes that separate convex bodies
+(`geometry.convex`). Each finer bound is computed only for limbs that may arrive first by the coarser bound. Bodies that
+are not convex are replaced by their hulls.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _PREVIEW_TIME = 0.05  # [s] See `PeopleDistances.along`
 
 
 class SeparationBounds(NamedTuple):
-    """What is left between M limbs and the robot in N cells of a curve; exact, where it matters, to what it moves.
+    """Distances and times left between M limbs and the robot in N cells, tight for limbs that may arrive first.
 
     `distances` [m] and `times` [s], (N, M): no body is nearer to a limb, and none is where a limb may be until then
     from when braking begins; `nearest` is the body that the limb comes to first. If bodies did not move within a cell
@@ -46,10 +46,11 @@ class SeparationBounds(NamedTuple):
 
 
 class PeopleDistances:
-    """Distances between the bodies of a robot, of `links`, and the M `limbs` of people: pairs of obstacle and limb.
+    """Distances between the bodies of a robot and the M `limbs` of people, which are pairs of obstacle and limb.
 
-    No limb is faster than `speeds: (M,)` [m/s]; those with an equal number in `alike: (M,)` bear the same contacts.
-    `moving` are the bodies that move; `contact` says with what speeds limbs may be touched, None: not at all.
+    `links` are the links of the bodies, and `moving` the bodies that move. No limb is faster than `speeds: (M,)` [m/s].
+    Limbs with equal numbers in `alike: (M,)` have the same contact limits. `contact` gives the speeds at which limbs
+    may be touched, or is None.
     """
 
     def __init__(self, robot: Robot, scene: Scene, people: People) -> None:
@@ -76,16 +77,16 @@ class PeopleDistances:
             self.alike = np.unique(borne, axis=1, return_inverse=True)[1].ravel()
 
     def grown(self, limb: int, time: float) -> float:
-        """Return how far one of the limbs goes in a time [s], at most [m]."""
+        """Return the largest distance [m] that a limb moves in a time [s]."""
         return float(self.speeds[limb] * time)
 
     def along(
         self, motion: Motion, cells: Cells, bodies: BodySpeeds, soon: float, short: float = _PREVIEW_TIME
     ) -> SeparationBounds:
-        """Return what is left in the cells of a curve; only what may arrive first is bounded well.
+        """Return the distances and times in the cells of a curve, tight only for limbs that may arrive first.
 
-        Limbs that need longer than `soon` [s] do not matter, and need not be looked at; those that may come within
-        `short` [s] are looked at one by one where contact is allowed.
+        Limbs that need longer than `soon` [s] may be skipped. If contact is allowed, limbs that may arrive within
+        `short` [s] are checked one by one.
         """
         speeds, Q = bodies.bounds(motion, cells)[:, self.moving], motion.at(cells.centres)
         half = cells.sizes[:, None] / 2 * speeds
