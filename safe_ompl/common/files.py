@@ -1,12 +1,11 @@
-"""Files: documents (YAML, JSON) and arrays (NPZ) that are read, and files that are written as a whole.
+"""Reading documents (YAML, JSON) and arrays (NPZ), and writing files atomically.
 
-Readers of a file that is written see what was there before, or all that is new, never a part of it. Errors name file,
-line, key and value in one line. All that is read from a file of a user is read here, so that one place knows what
-hostile or broken files do.
+While a file is written, readers see either the old or the complete new content. Errors name file, line, key and value
+in one line. All user files are read here, so that hostile and broken files are handled in one module.
 
-Lines of YAML are looked up only when there is an error, from the key that its message starts with:
-``scenarios/x.yaml:7: scene.obstacles[2] 'table'.box.size: must be a positive number, got -0.2``. ruamel.yaml, which
-keeps them with the data, takes ten times as long for any document.
+The line number in YAML is looked up only for an error, from the key at the beginning of its message:
+``scenarios/x.yaml:7: scene.obstacles[2] 'table'.box.size: must be a positive number, got -0.2``. ruamel.yaml stores
+line numbers with the data, but takes ten times as long for each document.
 """
 
 from __future__ import annotations
@@ -35,20 +34,20 @@ if TYPE_CHECKING:
     _Loader = yaml.SafeLoader
 else:
     _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # six times as fast
-# The deepest nesting of lists and mappings.
+# Limit of the nesting of lists and mappings.
 _MOST_LEVELS = 100
-# The most nodes that aliases may stand for. 1 kB of aliases could stand for any number of nodes.
+# Limit of the nodes that aliases expand to. 1 kB of nested aliases could expand to any number of nodes.
 _MOST_COPIES = 100_000
-# The most bits of a whole number. Python takes minutes to write longer ones.
+# Limit of the bits of an integer. Python takes minutes to print longer integers.
 _MOST_BITS = 1024
 _BROKEN = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 MALFORMED = (*_BROKEN, MemoryError, RecursionError)
-"""What goes wrong where code that expects a document gets anything else."""
+"""Exceptions that code for documents raises if the content has another structure."""
 
 
 @contextmanager
 def reading(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the mapping that a YAML file holds; put file and line before the key of every InputError meanwhile."""
+    """Yield the mapping in a YAML file. Inside the block, put file and line before the key of each InputError."""
     content = ""
     try:
         content = file_text(path)
@@ -63,7 +62,7 @@ def reading(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def file_text(path: Path) -> str:
-    """Return the text of a file, or raise InputError where it cannot be read."""
+    """Return the text of a UTF-8 file, or raise InputError if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
@@ -74,9 +73,9 @@ def file_text(path: Path) -> str:
 
 @contextmanager
 def reading_json(file: str | Path) -> Iterator[Any]:
-    """Yield what a JSON file holds; put the file before every InputError meanwhile.
+    """Yield the content of a JSON file. Inside the block, put the file name before each InputError.
 
-    Whatever else a document that is none brings about (`MALFORMED`) is turned into one, too.
+    Exceptions in `MALFORMED`, which malformed content causes, are converted to InputError.
     """
     with within(str(file), ": "):
         content = parse_json(file_text(Path(file)))
@@ -90,15 +89,15 @@ def reading_json(file: str | Path) -> Iterator[Any]:
 
 
 def read_json(file: str | Path) -> Any:
-    """Return what a JSON file holds, or raise InputError."""
+    """Return the content of a JSON file, or raise InputError."""
     with reading_json(file) as content:
         return content
 
 
 def parse_json(content: str, first: int = 1, *, finite: bool = False) -> Any:
-    """Return what JSON says, or raise InputError; no key may be there twice, and if `finite`, no NaN or Infinity.
+    """Parse JSON text. Raises InputError for malformed JSON, a repeated key and, if `finite`, NaN or Infinity.
 
-    `first` is the number of its first line. Without `finite` who reads NaN refuses it, and names its key.
+    `first` is the number of the first line. Without `finite`, the caller must refuse NaN, with the name of its key.
     """
     try:
         return json.loads(content, object_pairs_hook=_without_repeats, parse_constant=_not_finite if finite else None)
@@ -109,7 +108,7 @@ def parse_json(content: str, first: int = 1, *, finite: bool = False) -> Any:
     except RecursionError:
         raise InputError("malformed JSON: nested too deeply") from None
     except ValueError as error:
-        # The file has a whole number of thousands of digits.
+        # Python refuses integers of thousands of digits.
         raise InputError(f"malformed JSON: {cut(str(error))}") from None
 
 
@@ -126,7 +125,7 @@ def _not_finite(name: str) -> Any:
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of an NPZ file by name; raise InputError where it holds anything but numbers and text."""
+    """Return the arrays of an NPZ file by name. Raises InputError for content other than numbers and text."""
     try:
         with np.load(path, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
@@ -137,7 +136,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _line_of(content: str, message: str) -> int | None:
-    """Return the line of the key, or of the deepest mapping around it, that a message starts with; None if unknown."""
+    """Return the line of the key at the start of a message, or of the innermost mapping found; None if unknown."""
     try:
         _check_size(content)
         node, line, rest = yaml.compose(content, Loader=_StrictLoader), None, message
@@ -151,7 +150,7 @@ def _line_of(content: str, message: str) -> int | None:
 
 
 def _child(node: yaml.Node | None, rest: str) -> tuple[yaml.Node, int, str] | None:
-    """Return the value that the beginning of `rest` leads to, its line, and what is left of `rest`."""
+    """Return the value for the first key or index in `rest`, its line, and the remaining text."""
     if isinstance(node, yaml.MappingNode):
         for key, value in sorted(node.value, key=lambda pair: -len(str(pair[0].value))):
             name = str(key.value)
@@ -165,7 +164,7 @@ def _child(node: yaml.Node | None, rest: str) -> tuple[yaml.Node, int, str] | No
 
 
 def _after_name(item: yaml.Node, rest: str) -> str:
-    """Return `rest` without the name of a list's item, which messages put behind its number, and the dot."""
+    """Return `rest` without the name of a list item, which messages write after its index, and without the dot."""
     entries = item.value if isinstance(item, yaml.MappingNode) else []
     for name in (str(value.value) for key, value in entries if key.value == "name"):
         for written in (f" {name!r}", f" {name}"):
@@ -175,7 +174,7 @@ def _after_name(item: yaml.Node, rest: str) -> str:
 
 
 def parse_document(content: str) -> dict[str, Any]:
-    """Return the mapping that YAML text holds, empty where there is none; raise InputError for anything else."""
+    """Parse YAML text to a mapping; empty text gives an empty mapping. Raises InputError for other content."""
     _check_size(content)
     try:
         data = yaml.load(content, Loader=_StrictLoader)
@@ -194,11 +193,12 @@ def parse_document(content: str) -> dict[str, Any]:
 
 
 def _check_size(content: str) -> None:
-    """Raise InputError where YAML is deeper than any document, or aliases make it larger.
+    """Raise InputError if YAML is nested too deeply, or aliases expand to too many nodes.
 
-    The C parser would overrun its stack; what is merged (`<<`) is copied; and messages show all that is in a value.
+    Deep nesting would overflow the stack of the C parser. Merged nodes (`<<`) are copied, and messages print values
+    with all aliases expanded.
     """
-    # The anchor of each open node, and how many nodes and levels are in it.
+    # For each open node: its anchor, and the numbers of nodes and levels in it.
     open_nodes: list[tuple[str | None, list[int]]] = [(None, [0, 0])]
     known: dict[str | None, list[int]] = {}
     copies = 0
@@ -235,16 +235,16 @@ def _check_size(content: str) -> None:
                     refuse(event, f"aliases stand for more than {_MOST_COPIES} nodes")
                 add(nodes, levels, event)
     except yaml.YAMLError:
-        # The reader of the document says what is wrong.
+        # The parser reports this error afterwards.
         return
 
 
 @contextmanager
 def replacing(file: str | Path, *, binary: bool = False) -> Iterator[Any]:
-    """Yield a stream; when the block ends without an error, what it wrote is the file.
+    """Yield a stream whose content replaces the file if the block ends without an error.
 
-    It is written to a temporary file in the same folder, which takes the file's place by a rename and keeps its
-    permissions. Pipes and devices are written directly. An OSError names the file, that of a full disk, too.
+    The content is written to a temporary file in the same folder, which is renamed to the file and gets its
+    permissions. Pipes and devices are written directly. An OSError names the file, also for a full disk.
     """
     path = Path(file)
     text: dict[str, Any] = {} if binary else {"encoding": "utf-8", "newline": ""}
@@ -254,7 +254,7 @@ def replacing(file: str | Path, *, binary: bool = False) -> Iterator[Any]:
             with path.open("wb" if binary else "w", **text) as stream:
                 yield stream
             return
-        # The file that a link points to is replaced, not the link.
+        # For a symbolic link, the target is replaced, not the link.
         place = path.resolve()
         draft = place.with_name(f".{token_hex(6)}{place.suffix}")
         with draft.open("xb" if binary else "x", **text) as stream:
@@ -278,7 +278,7 @@ def write(file: str | Path, content: str | bytes) -> None:
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]], delimiter: str = ",") -> str:
-    """Return a line of names, and rows below it, as text; numbers are read back exactly."""
+    """Return a table as delimited text with a header line. Numbers are read back exactly."""
     stream = io.StringIO()
     writer = csv.writer(stream, delimiter=delimiter, lineterminator="\n")
     writer.writerow(header)
@@ -287,19 +287,19 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]], delimiter: st
 
 
 def dump_document(data: Any, *, flow: bool | None = False, width: float = 110) -> str:
-    """Return `data` as YAML, which is read back exactly; `flow` is PyYAML's `default_flow_style`."""
+    """Return `data` as YAML that is read back exactly; `flow` is PyYAML's `default_flow_style`."""
     style: dict[str, Any] = {"default_flow_style": flow, "width": width}
     text: str = yaml.dump(data, Dumper=_FlowListDumper, sort_keys=False, allow_unicode=True, **style)
     return text
 
 
 def dump_line(value: Any) -> str:
-    """Return a value as YAML on one line, such as a name that would be a number without quotes."""
+    """Return a value as YAML on one line, with quotes for text such as "1.0"."""
     return dump_document(value, flow=True, width=np.inf).removesuffix("...\n").strip()
 
 
 class _StrictLoader(_Loader):
-    """YAML's safe loader, in C where there is one, that reads ``1e-3`` as a number and refuses a key given twice."""
+    """PyYAML's safe loader, in C if available, that reads ``1e-3`` as a number and refuses repeated keys."""
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
         try:
@@ -307,7 +307,7 @@ class _StrictLoader(_Loader):
             if isinstance(value, int) and value.bit_length() > _MOST_BITS:
                 raise ValueError
         except _BROKEN:
-            # Examples are 2026-13-45, which is no date, 0x_, which is no number, and `!!bool maybe`.
+            # Examples are the invalid date 2026-13-45, the invalid number 0x_, and `!!bool maybe`.
             kind = node.tag.rpartition(":")[2]
             raise yaml.constructor.ConstructorError(
                 None, None, f"no {kind}, to be quoted if it is text: {node.value!r}", node.start_mark
@@ -331,7 +331,7 @@ class _StrictLoader(_Loader):
 
 
 class _FlowListDumper(yaml.SafeDumper):
-    """YAML's safe dumper with lists of numbers on one line."""
+    """PyYAML's safe dumper with lists of numbers on one line."""
 
     def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:
         plain = not any(isinstance(item, (dict, list, tuple)) for item in sequence)
@@ -342,7 +342,7 @@ class _FlowListDumper(yaml.SafeDumper):
 
 
 def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
-    """Quote text with line breaks of all kinds, which come back as spaces otherwise."""
+    """Quote text with line breaks of any kind, which would be read back as spaces otherwise."""
     style = None if text.isprintable() else '"'
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style)
 
@@ -350,7 +350,7 @@ def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
 _FlowListDumper.add_representer(str, _represent_text)
 _FlowListDumper.add_representer(tuple, lambda dumper, data: dumper.represent_list(data))
 
-# YAML 1.1 takes 1e-3 for text. The dumper must know the rule too, or it writes the text "1e3" without quotes.
+# YAML 1.1 reads 1e-3 as text. The dumper needs the same rule, or it would write the text "1e3" without quotes.
 for _side in (_StrictLoader, _FlowListDumper):
     _side.add_implicit_resolver(
         "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")

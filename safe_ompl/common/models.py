@@ -1,4 +1,4 @@
-"""What models share: counters of work, memory for each thread, detection of changes, a sequence; notebooks."""
+"""Helpers of models: counters of queries, memory per thread, locks for changes, Halton points, notebook display."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _Memory = TypeVar("_Memory")
 
 
 class PerThread(threading.local, Generic[_Memory]):
-    """Working memory of each thread, made by `make` when a thread first asks for its `own`."""
+    """Working memory per thread. `make` creates the memory at a thread's first access to `own`."""
 
     def __init__(self, make: Callable[[], _Memory]) -> None:
         self._make = make
@@ -33,11 +33,11 @@ class PerThread(threading.local, Generic[_Memory]):
 
 
 class Changes:
-    """Counts the changes of a model, so that a query notices one that another thread makes meanwhile.
+    """Counts the changes of a model, so that a query detects a concurrent change by another thread.
 
-    A query reads `done`, how many have ended, when it begins. Where `begun`, how many have begun, is still the same
-    when it ends, nothing has changed in between; otherwise its answer may mix two scenes: it waits for the change to
-    end, and asks again.
+    A query reads `done`, the number of completed changes, at its beginning. If `begun`, the number of started changes,
+    is the same at its end, the model has not changed. Otherwise the result may mix two scenes: the query waits for the
+    end of the change and runs again.
     """
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class Changes:
 
     @contextmanager
     def one(self) -> Iterator[None]:
-        """Make one change; that of another thread is waited for."""
+        """Lock the model for one change, after changes of other threads have ended."""
         with self._lock:
             self.begun += 1
             try:
@@ -55,7 +55,7 @@ class Changes:
                 self.done = self.begun
 
     def none(self) -> AbstractContextManager[Any]:
-        """Let nothing change; a change of another thread is waited for."""
+        """Lock the model against changes, after a change of another thread has ended."""
         return self._lock
 
 
@@ -63,43 +63,44 @@ class Changes:
 class Counts:
     """Numbers of queries of the whole robot, shared by the models of one planning problem."""
 
-    nodes: int = 0  # That the planner kept
+    # Nodes in the trees of the planner.
+    nodes: int = 0
     # Collision queries without margin.
     collision_queries: int = 0
     # Collision queries with security margins, for proofs of motions.
     margin_queries: int = 0
-    # The places of motions at which bounds of distances were computed for proofs, without coal.
+    # Configurations on motions at which distance bounds were computed for proofs, without coal.
     bound_queries: int = 0
     distance_queries: int = 0
-    # The configurations at which the danger field was evaluated.
+    # Configurations at which the danger field was evaluated.
     field_configurations: int = 0
-    # The number of danger points that were evaluated, summed over these configurations.
+    # Number of evaluated danger points, summed over these configurations.
     field_points: int = 0
 
     @property
     def queries(self) -> int:
-        """Number of configurations at which the whole robot was checked for collisions, in any way."""
+        """Number of configurations at which the whole robot was checked for collisions by any kind of query."""
         return self.collision_queries + self.margin_queries + self.bound_queries
 
     def reset(self) -> None:
-        """Set every counter to zero."""
+        """Set all counters to zero."""
         for field in fields(self):
             setattr(self, field.name, 0)
 
     def __sub__(self, earlier: Counts) -> Counts:
-        """Work done since `earlier`, a copy."""
+        """Return the difference from an `earlier` copy."""
         return Counts(**{key: value - getattr(earlier, key) for key, value in asdict(self).items()})
 
 
 def notebook_html(shown: object) -> str:
-    """Return what a notebook shows of an object, its `_repr_html_`.
+    """Return the HTML of an object for its `_repr_html_` in notebooks.
 
-    Each line of its text is a row; what stands before the first colon is its head. Beside them is a picture where there
-    is something to draw, and Matplotlib to draw it.
+    Each line of `str(shown)` becomes a row, with the text before the first colon as its heading. A picture stands
+    beside the table if the object can be drawn and Matplotlib is installed.
     """
     rows = "".join(f"<tr>{_cells(line)}</tr>" for line in str(shown).splitlines())
     table = f"<table>{rows}</table>"
-    # The drawing package stands above this one and may need extras, so only a notebook that shows an object imports it.
+    # The drawing package is in a higher layer and may need extras, so it is imported only here.
     png = import_module("safe_ompl.drawing").small_picture(shown)
     if not png:
         return table
@@ -116,9 +117,9 @@ def _cells(line: str) -> str:
 
 
 def halton_point(index: int, dimension: int) -> FloatArray:
-    """Return point number `index` ≥ 1 of Halton's sequence in [0, 1)ⁿ, which fills the cube evenly.
+    """Return point `index` ≥ 1 of Halton's low-discrepancy sequence in [0, 1)ⁿ.
 
-    Its i-th coordinate is the radical inverse of the index in the i-th prime: the digits mirrored at the point.
+    Its i-th coordinate is the radical inverse of the index in base of the i-th prime: its digits mirrored at the point.
     """
     primes = (number for number in count(2) if all(number % divisor for divisor in range(2, number)))
     return np.array([_radical_inverse(index, prime) for prime in islice(primes, dimension)])

@@ -1,6 +1,6 @@
-"""Polynomials on the unit interval: from Hermite data, B-splines and the Bernstein basis, and proven maxima.
+"""Polynomials on the unit interval: conversion from Hermite data, B-splines and Bernstein form, and proven maxima.
 
-Arrays of coefficients have the shape (K, d + 1, n): pieces, powers or Bernstein polynomials, joints.
+Arrays of coefficients have the shape (K, d + 1, n) for K pieces, degree d and n joints.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from safe_ompl.common.documents import FloatArray
 
 EPS = float(np.finfo(np.float64).eps)
-# A proven maximum is this near to a value that the polynomial takes, relative to the largest coefficient.
+# A proven maximum exceeds a value of the polynomial by at most this share of the largest coefficient.
 _CLOSE = 1e-9
 
 
@@ -33,7 +33,7 @@ def _bernstein_from_power(degree: int) -> FloatArray:
 
 
 def values(coefficients: FloatArray, u: FloatArray) -> FloatArray:
-    """Return the values (K, n) of polynomials, each at its `u: (K, 1)`."""
+    """Evaluate K polynomials, each at its `u: (K, 1)`; returns (K, n)."""
     found = coefficients[:, -1].copy()
     for k in range(coefficients.shape[1] - 2, -1, -1):
         found = found * u + coefficients[:, k]
@@ -41,15 +41,16 @@ def values(coefficients: FloatArray, u: FloatArray) -> FloatArray:
 
 
 def bernstein(coefficients: FloatArray) -> FloatArray:
-    """Return the Bernstein coefficients of polynomials; their rounding is at most (d + 3) ε Σ_k |c_k|."""
+    """Return the Bernstein coefficients of polynomials, with rounding errors of at most (d + 3) ε Σ_k |c_k|."""
     return _bernstein_from_power(coefficients.shape[1] - 1) @ coefficients
 
 
 def powers(control_points: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the coefficients of polynomials with Bernstein's (K, d + 1, n), and a bound (K, n) of their errors' sum.
+    """Convert Bernstein coefficients (K, d + 1, n) to power coefficients, and bound the sum of their errors (K, n).
 
-    c_0 is b_0 as it stands, and the others come from b_i − b_0, which may be off by `error: (K, n)` each. The entries
-    of T have Σ|T_ki| = 3^d, and a sum of d + 1 products of rounded differences errs by (d + 3) ε of what it adds up.
+    c_0 is b_0, and the others are computed from b_i − b_0, each with an error of at most `error: (K, n)`. The entries
+    of T have Σ|T_ki| = 3^d, and a sum of d + 1 products of rounded differences has an error of (d + 3) ε times the sum
+    of their absolute values.
     """
     degree = control_points.shape[1] - 1
     steps = control_points - control_points[:, :1]
@@ -63,8 +64,8 @@ def hermite(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the coefficients (K, d + 1, n) of Hermite pieces, and a bound (K, n) of the sum of their errors.
 
-    They last `spans: (K,)`; positions, velocities and accelerations (K, 2, n) are those at both ends of each piece, and
-    the degree is 1, 3 or 5 by how many are given.
+    The pieces have the durations `spans: (K,)`. Positions, velocities and accelerations (K, 2, n) are given at both
+    ends of each piece. The degree is 1 with positions only, 3 with velocities, and 5 with accelerations, too.
     """
     start, step = positions[:, 0], positions[:, 1] - positions[:, 0]
     points = [np.zeros_like(step), step]
@@ -86,10 +87,10 @@ def hermite(
 def spline(knots: FloatArray, held: FloatArray, degree: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return times (K + 1,) and coefficients (K, d + 1, n) of a B-spline, and a bound (K, n) of their errors' sum.
 
-    The knots (N + d + 1,) do not decrease; it is defined from knot d to knot N, which differ, has the degree d ≥ 1 and
-    the control points `held: (N, n)`. The i-th Bernstein coefficient on [a, b] is the blossom at d − i times a and i
-    times b. De Boor's scheme with one of the arguments on each level finds it; between neighbouring knots all of its
-    steps are convex combinations.
+    The knots (N + d + 1,) do not decrease. The spline has the degree d ≥ 1 and the control points `held: (N, n)`, and
+    is defined from knot d to knot N, which must differ. The i-th Bernstein coefficient on [a, b] is the blossom with
+    d − i arguments a and i arguments b. De Boor's algorithm with one argument per level computes this blossom. Between
+    neighbouring knots, all steps are convex combinations.
     """
     at = np.arange(degree, len(held))
     at = at[knots[at + 1] > knots[at]]
@@ -114,9 +115,9 @@ def spline(knots: FloatArray, held: FloatArray, degree: int) -> tuple[FloatArray
 def cubic_spline(
     knots: FloatArray, values: FloatArray, first: FloatArray | None = None, last: FloatArray | None = None
 ) -> FloatArray:
-    """Return the pieces (K, 4, n) of the C² cubic spline through `values: (K + 1, n)`, powers of s from each knot.
+    """Return the C² cubic spline through `values: (K + 1, n)` as power coefficients (K, 4, n) of s from each knot.
 
-    `first` and `last`, (n,), are its derivatives at the ends; where one is not given its second derivative is zero.
+    `first` and `last` (n,) are the derivatives at the ends. An end without a derivative has second derivative zero.
     """
     spans, count = np.diff(knots), len(knots)
     chords = np.diff(values, axis=0) / spans[:, None]
@@ -139,7 +140,7 @@ def cubic_spline(
 
 
 def restricted(coefficients: FloatArray, first: float | FloatArray, last: float | FloatArray) -> FloatArray:
-    """Return the coefficients (…, d + 1, n) on [first, last] ⊂ [0, 1]; their errors add up to 4 (d + 1) ε Σ_k |c_k|.
+    """Return the coefficients (…, d + 1, n) on [first, last] ⊂ [0, 1]; their errors sum to ≤ 4 (d + 1) ε Σ_k |c_k|.
 
     c′_k = (last − first)^k Σ_{i ≥ k} C(i, k) first^(i−k) c_i; `first` and `last` are numbers, or (…).
     """
@@ -152,14 +153,14 @@ def restricted(coefficients: FloatArray, first: float | FloatArray, last: float 
 
 @cache
 def _binomials(size: int) -> FloatArray:
-    """Return C(i, k), (size, size) by k and i."""
+    """Return the binomial coefficients C(i, k) as a matrix (size, size) with rows k and columns i."""
     return np.array([[float(comb(i, k)) for i in range(size)] for k in range(size)])
 
 
 class Peaks(NamedTuple):
-    """Maxima of P polynomials on the unit interval, each (P,): a `bound` that no value exceeds, and a value `taken`.
+    """Maxima of P polynomials on [0, 1], each (P,): an upper `bound`, and a value `taken` at the parameter `at`.
 
-    That is no more than 1e-9 of the largest coefficient below the bound; it is taken `at` a place in [0, 1].
+    `taken` is below `bound` by at most 1e-9 of the largest coefficient.
     """
 
     bound: FloatArray
@@ -170,8 +171,8 @@ class Peaks(NamedTuple):
 def peaks(rows: FloatArray) -> Peaks:
     """Return the maxima of polynomials in Bernstein form `rows: (P, d + 1)`, by subdivision.
 
-    A polynomial is nowhere above its largest Bernstein coefficient; cells whose largest one is not above what is taken
-    elsewhere are left out, and the others are halved. The bound comes nearer by four with every halving.
+    The largest Bernstein coefficient is an upper bound. Cells whose bound is not above a value taken elsewhere are
+    dropped, and the others are halved. Each halving reduces the gap of the bound by a factor of four.
     """
     count, degree = len(rows), rows.shape[1] - 1
     ends = rows[:, [0, -1]]
@@ -200,7 +201,7 @@ def peaks(rows: FloatArray) -> Peaks:
 
 
 def halves(cells: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the Bernstein coefficients of the halves of cells (C, d + 1), by de Casteljau's scheme."""
+    """Return the Bernstein coefficients (C, d + 1) of both halves of cells, by de Casteljau's algorithm."""
     lower, upper, row = np.empty_like(cells), np.empty_like(cells), cells
     for k in range(cells.shape[1]):
         lower[:, k], upper[:, -1 - k] = row[:, 0], row[:, -1]

@@ -1,4 +1,4 @@
-"""Tasks in several processes: forked ones, for which only what comes of tasks is pickled, or those of an executor."""
+"""Running tasks in forked processes, in which only results are pickled, or in an executor."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from safe_ompl.common.errors import InputError, pass_on
 
 _Task = TypeVar("_Task")
 _Outcome = TypeVar("_Outcome")
-# This many tasks are sent to an executor one by one. At most as many are sent together.
+# The first tasks, this many, are sent to an executor one by one. Later batches have at most as many tasks.
 _FIRST = 16
-# How much work is sent together. Dask takes some 10 ms to send it.
+# Duration of a batch of tasks. Dask takes about 10 ms to send a batch.
 _WORTH = 0.5  # [s]
 
 
@@ -32,12 +32,12 @@ def in_order(
     workers: int | Executor,
     lost: Callable[[_Task, str], _Outcome],
 ) -> Iterator[_Outcome]:
-    """Do tasks, and yield what comes of them in their order; one worker is this process, more are forked.
+    """Run tasks and yield the results in the order of the tasks. One worker is this process, more are forked.
 
-    `lost(task, words)` takes the place of what a task returns whose process dies. An exception in a task ends all, and
-    is raised here, where log records of the processes are logged, too. An executor is sent `do` and the tasks, pickled,
-    short ones together. What it makes of workers that die is up to it, and one that cannot go on ends all. Raises
-    InputError for less than 1 worker.
+    If the process of a task dies, its result is `lost(task, reason)`. An exception in a task is raised here and ends
+    the iteration. Log records of the processes are logged here, too. An executor gets `do` and the tasks pickled, short
+    tasks in batches. The executor decides how to handle dead workers, and a broken executor ends the iteration. Raises
+    InputError for fewer than 1 worker.
     """
     if isinstance(workers, Executor):
         return _by_executor(do, tasks, workers, lost)
@@ -49,7 +49,7 @@ def in_order(
 def _by_executor(
     do: Callable[[_Task], _Outcome], tasks: Sequence[_Task], executor: Executor, lost: Callable[[_Task, str], _Outcome]
 ) -> Iterator[_Outcome]:
-    """Send the first tasks one by one; they tell how many of the others are worth being sent together."""
+    """Run tasks in an executor. The first are sent one by one; their durations decide the size of later batches."""
     waiting: deque[tuple[Sequence[_Task], Future[tuple[float, list[_Outcome]]]]] = deque()
     seconds: list[float] = []
 
@@ -84,20 +84,20 @@ def _by_executor(
 
 
 def _together(do: Callable[[_Task], _Outcome], *tasks: _Task) -> tuple[float, list[_Outcome]]:
-    """Do tasks in a worker of an executor; return how long that took [s], and what comes of them."""
+    """Run tasks in a worker of an executor. Return the duration [s] and the results."""
     begin = perf_counter()
     outcomes = [do(task) for task in tasks]
     return perf_counter() - begin, outcomes
 
 
 class _Lost(str):
-    """How a process ended, in the place of what its task would have returned."""
+    """The reason why a process ended, instead of the result of its task."""
 
 
 def _sorted(
     done: Iterator[tuple[int, _Outcome | _Lost]], tasks: Sequence[_Task], lost: Callable[[_Task, str], _Outcome]
 ) -> Iterator[_Outcome]:
-    """Yield what comes with the numbers 0, 1, 2, … in the order of these; what is lost is told in this order, too."""
+    """Yield results sorted by their numbers 0, 1, 2, …; `lost` is called in this order, too."""
     waiting: dict[int, _Outcome | _Lost] = {}
     number = 0
     for k, found in done:
@@ -111,7 +111,7 @@ def _sorted(
 def _in_processes(
     do: Callable[[_Task], _Outcome], tasks: Sequence[_Task], workers: int
 ) -> Iterator[tuple[int, _Outcome | _Lost]]:
-    """Do tasks in forked processes; yield the number of each with what comes of it, as they come."""
+    """Run tasks in forked processes. Yield the number and the result of each task as soon as it ends."""
     context = multiprocessing.get_context("fork")
     left = list(reversed(range(len(tasks))))
     working: dict[Connection, tuple[Any, int]] = {}
@@ -159,24 +159,24 @@ def _in_processes(
 
 
 class _LogPipe(QueueHandler):
-    """Sends log records through a pipe: handlers of the parent may hold locks that a fork copies and nobody frees."""
+    """Sends log records through a pipe, since handlers of the parent may hold locks that a fork never releases."""
 
     def __init__(self, pipe: Connection) -> None:
         super().__init__(pipe)  # type: ignore[arg-type]
         self._pipe = pipe
 
     def enqueue(self, record: logging.LogRecord) -> None:
-        """Send a record."""
+        """Send a record through the pipe."""
         self._pipe.send(record)
 
 
 def _work(do: Callable[[int], object], pipe: Connection, others: Sequence[Connection]) -> None:
-    """Do the tasks whose numbers come through a pipe until it is closed."""
+    """Run the tasks whose numbers arrive through a pipe, until the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
     logger = logging.getLogger("safe_ompl")
     logger.handlers, logger.propagate = [_LogPipe(pipe)], False
     for other in others:
-        # Inherited ends of pipes would keep the other workers from noticing that the parent has ended.
+        # With inherited ends of pipes left open, other workers would not notice that the parent has ended.
         other.close()
     while True:
         try:

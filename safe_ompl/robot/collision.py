@@ -110,7 +110,7 @@ _SAMPLES = 1000
 _ALWAYS = 0.95
 # Joints without limits are sampled up to this value.
 _LARGEST = 1e3  # [rad or m]
-# A warning names at most this many pairs. The log at a lower level names all of them.
+# A warning names at most this many pairs.
 _NAMED = 6
 
 

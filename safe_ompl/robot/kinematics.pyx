@@ -1,11 +1,11 @@
-"""Kinematics of a tree of joints: frames, key points, their velocities, and gradients by the joints.
+"""Kinematics of a tree of joints: frames, key points, velocities, and gradients with respect to the joints.
 
-Joint i turns about its axis a_i, or slides along it. With its placement (R⁰_i, t⁰_i) in the frame of its parent
+Joint i is revolute or prismatic, with axis a_i and placement (R⁰_i, t⁰_i) in the frame of its parent. If it is revolute
 
-    R_i = R_parent·R⁰_i·exp(q_i [a_i]×),   o_i = o_parent + R_parent·t⁰_i,
+    R_i = R_parent·R⁰_i·exp(q_i [a_i]×),   o_i = o_parent + R_parent·t⁰_i.
 
-and where it slides R_i = R_parent·R⁰_i, and o_i moves by q_i along the axis z_i = R_i·a_i. Parents come before their
-children, and have Pinocchio's numbers: 0 is the base, joint i of a table is Pinocchio's joint i + 1.
+If it is prismatic, R_i = R_parent·R⁰_i, and o_i moves by q_i along the axis z_i = R_i·a_i. Parents precede their
+children and have Pinocchio's numbers: 0 is the base, and joint i of a table is Pinocchio's joint i + 1.
 """
 
 from libc.math cimport INFINITY, M_PI, rint, sqrt
@@ -40,8 +40,8 @@ cdef class JointTable:
     Parameters
     ----------
     table : ndarray of shape (m,) and type `JOINT`
-        R⁰, t⁰ [m], the axis as a unit vector in the joint's frame, the parent's number, and whether the joint slides.
-        The array is kept and must not change.
+        R⁰, t⁰ [m], the unit axis in the joint's frame, the parent's number, and whether the joint is prismatic. The
+        array is not copied and must not change.
     """
 
     def __init__(self, table):
@@ -77,8 +77,8 @@ cdef class KeyPointTable:
     Parameters
     ----------
     table : ndarray of shape (K,) and type `KEY_POINT`
-        The offset [m] in the frame of the joint that carries the key point, and the number of that joint.
-        The array is kept and must not change.
+        The offset [m] of each key point in the frame of its joint, and the number of this joint. The array is not
+        copied and must not change.
     joints : JointTable
         The joints.
     """
@@ -96,7 +96,7 @@ cdef class KeyPointTable:
         return KeyPointTable, (self.array, self.joints)
 
     def places(self, const double[:, ::1] values):
-        """Return the key points (B, K, 3) [m] in the world at `values: (B, m)` of the joints."""
+        """Return the key points (B, K, 3) [m] in the world at joint `values: (B, m)`."""
         cdef Py_ssize_t B = values.shape[0], m = self.joints.m, b
         found = np.empty((B, self.K, 3))
         cdef double[:, :, ::1] places = found
@@ -112,7 +112,7 @@ cdef class KeyPointTable:
         return found
 
     def jacobian_transpose_product(self, const double[:, ::1] values, const double[:, :, ::1] forces):
-        """Return Σ_k J_kᵀ f_k (B, m) of forces (B, K, 3) at the key points at `values: (B, m)` of the joints."""
+        """Return Σ_k J_kᵀ f_k (B, m) for forces f (B, K, 3) at the key points, at joint `values: (B, m)`."""
         cdef Py_ssize_t B = values.shape[0], m = self.joints.m, K = self.K, b
         found = np.empty((B, m))
         cdef double[:, ::1] out = found
@@ -132,11 +132,11 @@ cdef class KeyPointTable:
         return found
 
     def motions(self, const double[:, ::1] values, const double[:, ::1] rates):
-        """Return places [m], velocities and accelerations (B, K, 3) of the key points at steady `rates: (B, m)`.
+        """Return positions [m], velocities and accelerations (B, K, 3) of key points at constant `rates: (B, m)`.
 
-        With r from the parent's origin to the joint's, ω and α of the parent, and s = z_i q̇_i: a point at r has the
-        velocity v + ω × r and the acceleration a + α × r + ω × (ω × r). Joint i adds s to ω and ω × s to α if it turns,
-        s to v and 2ω × s to a if it slides.
+        Let r be the vector from the parent's origin to the joint's, v, a, ω and α the motion of the parent, and
+        s = z_i q̇_i. A point at r has the velocity v + ω × r and the acceleration a + α × r + ω × (ω × r). A revolute
+        joint i adds s to ω and ω × s to α; a prismatic joint adds s to v and 2ω × s to a.
         """
         cdef Py_ssize_t B = values.shape[0], m = self.joints.m, K = self.K, b
         found = np.empty((3, B, K, 3))
@@ -145,7 +145,7 @@ cdef class KeyPointTable:
         _check_columns("rates", rates.shape[1], m)
         if rates.shape[0] != B:
             raise InputError(f"rates must have {B} rows, as the values have, got {rates.shape[0]}")
-        # The base, which is at rest, comes before the joints.
+        # The first row is the base, which is at rest. The joints follow.
         cdef double *memory = <double *> _room(15 * m + 12 * (m + 1))
         cdef Frames frames = _frames(memory, m)
         cdef double *moving = memory + 15 * m
@@ -162,14 +162,14 @@ cdef class KeyPointTable:
     def motion_gradients(
         self, const double[:, ::1] values, const double[:, ::1] rates, const double[:, :, :, ::1] forces
     ):
-        """Return gradients by values and by rates of the joints, (2, B, m), from those by key points.
+        """Return gradients (2, B, m) by joint values and joint rates from gradients by key points.
 
-        The gradients by places and by velocities of key points are `forces: (2, B, K, 3)`.
+        `forces: (2, B, K, 3)` are the gradients by positions and by velocities of the key points.
 
-        While joint i turns, what it carries turns: a key point and its velocity relative to the parent of i, and the
-        parent's motion acts at another place. With the axis z, the origin o and the parent's angular velocity Ω
+        A rotation of joint i rotates a key point and its velocity relative to the parent of i, and the parent's motion
+        acts at another position. With the axis z, the origin o and the parent's angular velocity Ω
 
-            ∂v_k/∂q_i = z × (v_k − v_parent(x_k)) + Ω × (z × (x_k − o));    Ω × z where the joint slides.
+            ∂v_k/∂q_i = z × (v_k − v_parent(x_k)) + Ω × (z × (x_k − o));    Ω × z for a prismatic joint.
         """
         cdef Py_ssize_t B = values.shape[0], m = self.joints.m, K = self.K, b, side
         found = np.empty((2, B, m))
@@ -204,10 +204,10 @@ cdef class KeyPointTable:
 cdef void _pull(
     KeyPointTable keys, Frames frames, const double *places, const double *forces, double *wrenches, double *out
 ) noexcept nogil:
-    """Write Σ_k J_kᵀ f_k (m,) of forces (K, 3) at the key points; `wrenches: (m, 6)` is working memory.
+    """Write Σ_k J_kᵀ f_k (m,) for forces f (K, 3) at the key points; `wrenches: (m, 6)` is working memory.
 
-    Joint i feels z_i·F_i if it slides, else z_i·(T_i − o_i × F_i): F and T are force and torque about the origin of the
-    world of all that it carries, summed from the tips to the base.
+    The result of joint i is z_i·F_i if it is prismatic, else z_i·(T_i − o_i × F_i). F and T are the sums of forces and
+    torques about the world origin over all key points that the joint moves, summed from the tips to the base.
     """
     cdef Py_ssize_t m = keys.joints.m, i, k, x, y, z, carrier, parent
     cdef const Joint *joints = keys.joints.data
@@ -285,7 +285,7 @@ cdef void _move_key_points(
     KeyPointTable keys, Frames frames, const double *moving, const double *places, double *velocities,
     double *accelerations,
 ) noexcept nogil:
-    """Write velocities and accelerations (K, 3) of the key points; none of those that the base carries."""
+    """Write velocities and accelerations (K, 3) of the key points; they are zero for key points on the base."""
     cdef Py_ssize_t k, x, carrier
     cdef double arm[3]
     for k in range(keys.K):
@@ -335,13 +335,13 @@ cdef void _add_turned(
 
 
 cdef class EdgeTable:
-    """Limits of the n planned joints, and how these move the m joints of Pinocchio's model.
+    """Limits of the n planned joints, and their coupling to the m joints of Pinocchio's model.
 
     Parameters
     ----------
     coupling : ndarray of shape (m, 4)
-        Of each joint of the model which planned joint moves it, by what factor, the offset [rad or m], and whether it
-        goes the short way round (1) or not (0).
+        For each joint of the model: its planned joint, the factor, the offset [rad or m], and whether the planned joint
+        is continuous (1) or not (0).
     bounds : ndarray of shape (2, n)
         Lower and upper limits [rad or m].
     """
@@ -361,7 +361,7 @@ cdef class EdgeTable:
         self.limits = &limits[0, 0] if self.n else NULL
 
     def hold(self, const double[:] q):
-        """Return whether `q: (n,)` is within limits; NaN and infinity never are."""
+        """Return whether `q: (n,)` is finite and within the limits."""
         cdef Py_ssize_t i
         _check_columns("configurations", q.shape[0], self.n)
         for i in range(self.n):
@@ -370,9 +370,9 @@ cdef class EdgeTable:
         return True
 
     def edge(self, const double[::1] start, const double[::1] end):
-        """Return start and way (2, m) of the model's joints on the straight motion between `start` and `end: (n,)`.
+        """Return start and displacement (2, m) of the model's joints on the straight motion `start` → `end: (n,)`.
 
-        None where an end is not within the limits.
+        Returns None if an end is not within the limits.
         """
         _check_columns("configurations", start.shape[0], self.n)
         _check_columns("configurations", end.shape[0], self.n)
@@ -383,7 +383,7 @@ cdef class EdgeTable:
         return found
 
     def edges(self, const double[:, ::1] starts, const double[:, ::1] ends):
-        """Return the same of motions between configurations (E, n): edges (E, 2, m), and of which ends hold, (E,)."""
+        """Return `edge` for E motions between configurations (E, n): (E, 2, m), and which have valid ends, (E,)."""
         cdef Py_ssize_t E = starts.shape[0], k
         _check_columns("configurations", starts.shape[1], self.n)
         _check_columns("configurations", ends.shape[1], self.n)
@@ -400,9 +400,9 @@ cdef class EdgeTable:
 
 
 cdef bint edge_between(EdgeTable table, const double *start, const double *end, double *edge) noexcept nogil:
-    """Write start and way (2, m) of the model's joints on the straight motion between two configurations (n,).
+    """Write start and displacement (2, m) of the model's joints on the straight motion between configurations (n,).
 
-    Nothing is written, and False returned, where an end is not within the limits.
+    Returns False, and writes nothing, if an end is not within the limits.
     """
     cdef Py_ssize_t n = table.n, j, i
     cdef const double *row
@@ -418,7 +418,7 @@ cdef bint edge_between(EdgeTable table, const double *start, const double *end, 
 
 
 def unrolled(const double[:, ::1] path, continuous):
-    """Return the path (N, n) with continuous joints that do not jump where they wrap; the others stay as they are."""
+    """Return the path (N, n) with the jumps of continuous joints at ±π removed, as by `np.unwrap`."""
     cdef Py_ssize_t N = path.shape[0], n = path.shape[1], k, i
     cdef const unsigned char[::1] wraps = np.ascontiguousarray(continuous, dtype=np.bool_).view(np.uint8)
     cdef double step
@@ -436,16 +436,16 @@ def unrolled(const double[:, ::1] path, continuous):
 
 
 cdef class Coordinates:
-    """Bounds of configurations, which of their n coordinates are continuous, and which are quaternions.
+    """The n coordinates of configurations: their bounds, and which are continuous or quaternions.
 
     Parameters
     ----------
     lower, upper : ndarray of shape (n,)
         Bounds [rad or m].
     continuous : ndarray of bool, shape (n,)
-        Which coordinates are angles without bounds, so that a motion goes the short way round.
+        Which coordinates are angles without bounds, so that motions take the shorter direction.
     rotations : ndarray of shape (r,), optional
-        The first coordinate of each unit quaternion, x, y, z, w. Motions turn them along the shortest arc.
+        The index of the first component of each unit quaternion x, y, z, w. Motions follow the shortest arc.
     """
 
     def __init__(self, lower, upper, continuous, rotations=()):
@@ -460,7 +460,7 @@ cdef class Coordinates:
             raise InputError(f"quaternions must be four of {self.n} coordinates each")
 
     def steer(self, const double[::1] q, const double[::1] target, double step):
-        """Return ρ(q, target), and (2, n): where a step from q (n,) towards a target (n,) leads, and its direction."""
+        """Return ρ(q, target), and (2, n): the end and the direction of a step from q (n,) towards `target` (n,)."""
         found = np.empty((2, self.n))
         cdef double[:, ::1] out = found
         _check_columns("configurations", q.shape[0], self.n)
@@ -468,9 +468,9 @@ cdef class Coordinates:
         return steer(self, &q[0], &target[0], step, &out[0, 0], &out[1, 0]), found
 
     def descend(self, double[:, ::1] step, const double[::1] gradient, double reach):
-        """Move a place down a gradient at right angles to a direction; return whether there is such a motion.
+        """Move a configuration down the gradient, perpendicular to a direction. Return whether it could be moved.
 
-        The place and the direction are the rows of `step: (2, n)`; the new place is written to the second row.
+        The configuration and the direction are the rows of `step: (2, n)`. The result is written to the second row.
         """
         _check_columns("steps", step.shape[1], self.n)
         _check_columns("gradients", gradient.shape[0], self.n)
@@ -482,7 +482,7 @@ cdef class Coordinates:
 cdef double steer(
     Coordinates space, const double *q, const double *target, double step, double *place, double *direction
 ) noexcept nogil:
-    """Write where a step from q towards a target (n,) leads, and its direction; return ρ(q, target)."""
+    """Write the end and the direction (n,) of a step from q towards `target` (n,). Return ρ(q, target)."""
     cdef Py_ssize_t i
     cdef double length = motion_between(space, q, target, direction)
     for i in range(space.n):
@@ -496,7 +496,7 @@ cdef double steer(
 
 
 cdef double motion_between(Coordinates space, const double *q, const double *target, double *motion) noexcept nogil:
-    """Write the straight motion (n,) from q to a target (n,), and return its length ρ."""
+    """Write the displacement (n,) from q to `target` (n,), and return its length ρ."""
     cdef Py_ssize_t i
     cdef double length = 0.0
     for i in range(space.n):
@@ -511,10 +511,10 @@ cdef double motion_between(Coordinates space, const double *q, const double *tar
 cdef bint descend(
     Coordinates space, const double *place, double *direction, const double *gradient, double reach
 ) noexcept nogil:
-    """Write into `direction: (n,)` the place moved down a gradient (n,); return whether there is such a motion.
+    """Write to `direction: (n,)` the place moved down a gradient (n,). Return False if its projection is zero.
 
-    The place is moved at right angles to the direction, by at most `reach`, less where the gradient is below 1, and
-    stays within the bounds; continuous coordinates are brought into [−π, π), quaternions to the norm 1.
+    The motion is perpendicular to the direction. Its length is `reach`, times the norm of the projected gradient if
+    this is below 1. The result is within the bounds, with continuous coordinates in [−π, π) and unit quaternions.
     """
     cdef Py_ssize_t i, k, first
     cdef double radial
@@ -523,7 +523,7 @@ cdef bint descend(
         along += gradient[i] * direction[i]
     for i in range(space.n):
         direction[i] = gradient[i] - along * direction[i]
-    # Only what is tangent to the unit sphere turns a quaternion.
+    # For quaternions, only the component tangent to the unit sphere is kept.
     for k in range(space.turns):
         first, radial = space.rotations[k], 0.0
         for i in range(first, first + 4):
@@ -546,12 +546,12 @@ cdef bint descend(
 
 
 cdef Frames _frames(double *memory, Py_ssize_t m) noexcept nogil:
-    """Return where rotations, origins and axes of m joints stand in the first 15 m numbers of the memory."""
+    """Return pointers to rotations, origins and axes of m joints in the first 15 m numbers of the memory."""
     return Frames(memory, memory + 9 * m, memory + 12 * m)
 
 
 cdef const double *_row(const double[:, ::1] rows, Py_ssize_t b) noexcept nogil:
-    """Return where a row begins; a robot without joints has rows without numbers."""
+    """Return a pointer to row b, or NULL for empty rows (a robot without joints)."""
     return &rows[b, 0] if rows.shape[1] else NULL
 
 
