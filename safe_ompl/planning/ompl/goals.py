@@ -1,4 +1,4 @@
-"""Goals of the robot's tip, a place or a region, as OMPL goals that any planner can sample."""
+"""OMPL goals for a position, a pose or a region of the robot's tip, which any planner can sample."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ _PRECISION = 0.01
 
 # The first search starts from this many seeds, which finds several postures of most arms.
 _FIRST_SEEDS = 16
-# Later searches happen while a planner plans, and start from this many.
+# Later searches run while a planner plans, and start from this many seeds.
 _MORE_SEEDS = 1
-# After this many requests, a planner that has been offered all solutions is offered one again.
+# A planner that has all solutions gets a new one after this many calls of `couldSample`.
 _REQUESTS = 16
 # Solutions nearer to each other than this count as one.
 _EQUAL_SOLUTIONS = 0.05  # [rad]
 
 
 def states_of(goal: Any, bridge: StateBridge) -> list[FloatArray]:
-    """Return the configurations (n,) that a goal consists of, valid or not; none for goals that are regions."""
+    """Return the configurations (n,) of an ob.GoalState or ob.GoalStates, valid or not; other goals have none."""
     if isinstance(goal, ob.GoalState):
         return [bridge.read(goal.getState())]
     if isinstance(goal, ob.GoalStates):
@@ -48,12 +48,12 @@ def states_of(goal: Any, bridge: StateBridge) -> list[FloatArray]:
 
 
 class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
-    """The configurations whose tip is at a place (the paper's goal region, §2).
+    """All configurations whose tip is at a position or pose (the paper's goal region, §2).
 
-    Planners see it as a growing list of configurations: valid solutions of the inverse kinematics from random seeds,
-    the safest of several first. Planners that go on asking get new ones. The search runs in the planner's own thread;
-    if nothing is found planners wait until their time is up, and `failure` says how near the tip came. The same seed
-    gives the same solutions; `setSeed` begins anew.
+    For planners the goal is a growing list of configurations: valid solutions of the inverse kinematics from random
+    seeds, the safest of a search first. Planners that continue to sample get new solutions. The search runs in the
+    planner's own thread. If no solution is found, planners wait until their time is over, and `failure` says how near
+    the tip came. The same seed gives the same solutions; `setSeed` clears them.
 
     Parameters
     ----------
@@ -62,20 +62,20 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     robot : Robot
         The robot.
     place : array_like, shape (3,), pin.SE3 or Place
-        Where its tip is to be, in the world frame [m], with any orientation; or its whole pose.
+        Target position of the tip in the world frame [m], with any orientation; or the target pose.
     tolerance : float
-        How near to the place is near enough [m]. With an orientation a radian counts as
-        `safe_ompl.robot.METRES_PER_RADIAN` (0.25 m), `Place.distance`.
+        Largest distance of the tip from the target [m]. For a pose, a radian counts `safe_ompl.robot.METRES_PER_RADIAN`
+        (0.25 m); see `Place.distance`.
     field : DangerField, optional
-        Ranks the solutions.
+        Danger field that ranks the solutions.
     seed : int, optional
-        Seed of the random numbers; by default the next one of OMPL's, see `ou.RNG.setSeed`.
+        Seed of the random numbers; by default the next seed of OMPL, see `ou.RNG.setSeed`.
 
     Raises
     ------
     InputError
-        Wrong shape, NaN, a tolerance that is not positive; or a place that is out of reach, by a proven bound of the
-        reach (`tip_reach`).
+        For a wrong shape, NaN, or a tolerance that is not positive; or if the target is out of reach by a proven bound
+        of the reach (`tip_reach`).
 
     Examples
     --------
@@ -107,20 +107,20 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         self.setSeed(ou.RNG().getLocalSeed() if seed is None else seed)
 
     def setSeed(self, seed: int) -> None:
-        """Start the random numbers anew and forget all solutions."""
+        """Seed the random number generator, and clear all solutions."""
         self._seed = whole_number("seed", seed, at_least=0)
         self._rng = np.random.default_rng(self._seed)
         self._found: list[FloatArray] = []
-        # How many of the configurations found were offered, in order.
+        # The number of configurations that were offered to planners, the first ones of `_found`.
         self._offered = 0
         self._next = 0  # to be handed out
         self._asked = 0
-        # The number of seeds that were searched from, and of those that led to the goal pose.
+        # The numbers of searches, and of searches that reached the target.
         self._tries = 0
         self._arrived = 0
-        # Of the other seeds, the least distance to the goal, and the configuration there.
+        # The least distance to the target in the other searches, and the configuration there.
         self._nearest = np.inf, np.zeros(0)
-        # The last configuration that reached the goal and was not valid.
+        # The last configuration that reached the target and was not valid.
         self.refused: FloatArray | None = None
 
     def getSeed(self) -> int:
@@ -133,7 +133,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         return np.array(self._found[: self._offered]).reshape(-1, self._bridge.n)
 
     def failure(self) -> str | None:
-        """Return why there is no goal configuration, as far as is known; None if there is one, or no search yet."""
+        """Return the reason why no goal configuration was found; None if there is one, or before the first search."""
         if self._found or not self._tries:
             return None
         begin = f"{self._tries} searches of the inverse kinematics found no valid goal configuration"
@@ -150,7 +150,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         )
 
     def _check_reach(self) -> None:
-        """Raise an error if the tip can be proven not to come near enough."""
+        """Raise InputError if the target is proven to be out of the tip's reach."""
         centre, radius = tip_reach(self.place.robot)
         nearest = self.place.nearest_position(centre)
         away = float(np.linalg.norm(nearest - centre))
@@ -162,26 +162,26 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
             )
 
     def distanceGoal(self, state: Any) -> float:
-        """Return the distance [m] of the tip from the place."""
+        """Return the distance [m] of the tip from the target; for a pose see `Place.distance`."""
         return self.place.distance(self._bridge.read(state))
 
     def maxSampleCount(self) -> int:
-        """Return how many solutions are offered now; looks for the first if there is none."""
+        """Return the number of solutions offered; if there is none, search for the first one."""
         if not self._offered:
             self._offer()
         return self._offered
 
     def couldSample(self) -> bool:
-        """Return True: there may be more solutions, and a planner that keeps asking gets them."""
+        """Return True, because there may be more solutions; after enough calls a new one is searched."""
         self._asked += 1
         if self._asked >= max(_REQUESTS, self._offered):
             self._offer()
         return True
 
     def sampleGoal(self, state: Any) -> None:
-        """Write the next solution into `state`; after the last one, a new one if it is found, else the first.
+        """Write the next solution into `state`; after the last one a new solution, or the first one if none is found.
 
-        A PlanningError if none is known: planners ask `maxSampleCount` first.
+        Raises PlanningError if there is no solution; planners call `maxSampleCount` first.
         """
         if self._next >= self._offered:
             self._offer()
@@ -194,7 +194,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         self._next += 1
 
     def _offer(self) -> None:
-        """Offer one solution more, the safest of those that were found together."""
+        """Offer one more solution; search for new ones if all solutions were offered."""
         self._asked = 0
         if self._offered == len(self._found):
             self._found += self._search(_MORE_SEEDS if self._found else _FIRST_SEEDS)
@@ -230,11 +230,11 @@ REGION_TOLERANCE = 1e-3  # [m]
 
 
 class RegionGoal(WorkspaceGoal):
-    """The configurations whose tip is in a region: its position and its orientation within bounds.
+    """All configurations whose tip is in a region, given by bounds of position and orientation.
 
-    All that holds of a `WorkspaceGoal` holds of it. Solutions are those of the inverse kinematics for poses drawn at
-    random from the region; `distanceGoal` is the distance of the tip from the region, 0 inside. `field` and `seed` are
-    options, too. An InputError if the region is none, or the tolerance is not positive.
+    It works as a `WorkspaceGoal`. Its solutions are solutions of the inverse kinematics for random poses of the region.
+    `distanceGoal` is the distance of the tip from the region [m], 0 inside. `options` are `field` and `seed`. Raises
+    InputError if `region` is no GoalRegion, or the tolerance is not positive.
 
     Examples
     --------

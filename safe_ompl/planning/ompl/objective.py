@@ -1,4 +1,4 @@
-"""Danger as an OMPL optimisation objective, and how planners read any objective as a cost."""
+"""Danger as an OMPL optimisation objective, and the costs that planners read from any objective."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ _VALUE_SAMPLES = 100
 
 
 def _kept_integrals(field: DangerField, bridge: StateBridge) -> Callable[[bytes, bytes, int], float]:
-    """Return ∫ CDF ds of motions between configurations, given as bytes, to 1 %; the last ones are kept."""
+    """Return a cached function for ∫ CDF ds, to 1 %, of the motion between two configurations, given as bytes."""
 
-    # Nothing of OMPL's may refer to itself, by a bound method for example: it would never be freed.
+    # This is no method, because an OMPL object that refers to itself, as by a bound method, is never freed.
     @lru_cache(_MOST_KEPT_COSTS)
     def integral(first: bytes, second: bytes, revision: int) -> float:
         start = np.frombuffer(first)
@@ -49,9 +49,9 @@ def _kept_integrals(field: DangerField, bridge: StateBridge) -> Callable[[bytes,
 class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     """The danger field of a robot as a cost: of a state CDF(q), of a motion ∫ CDF(q(s)) ds.
 
-    The integral is that of `DangerField.mean`, to 1 %; planners ask for many motions again, also the other way round:
-    the last 20 000 are kept. Optimising planners skip motions that cannot improve a path:
-    `motionCostHeuristic` is `DangerField.minimum`, a proven bound, times the distance.
+    The integral is computed by `DangerField.mean` to 1 %. The last 20 000 integrals are cached, because planners ask
+    for many motions again, also in the other direction. `motionCostHeuristic` is `DangerField.minimum`, a proven lower
+    bound, times the distance: optimising planners use it to skip motions that cannot improve a path.
 
     Examples
     --------
@@ -76,16 +76,17 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
 
     @property
     def scales(self) -> dict[Any, float]:
-        """What `StateCost` has measured of the danger once, for all planners; empty again when obstacles move."""
+        """Statistics of the danger that `StateCost` computes once for all planners; cleared when obstacles move."""
         if self._revision != self.field.revision:
             self._scales, self._revision = {}, self.field.revision
         return self._scales
 
     @contextmanager
     def asked_by(self, planner: Any) -> Iterator[None]:
-        """Within, let motions cost infinity that RRT* and its informed forms refuse anyway, as longer than their range.
+        """Within the block, give infinite cost to motions longer than the range of RRT*, which it would refuse anyway.
 
-        But for those from a start, whose costs the informed forms take for bounds when they prune.
+        This holds for OMPL's RRTstar and its informed variants. Motions from a start keep their costs, because the
+        informed variants use them as bounds for pruning.
         """
         try:
             if isinstance(planner, og.RRTstar) and planner.getRange() > 0:
@@ -93,7 +94,7 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
                 starts.use(planner.getProblemDefinition())
                 while starts.haveMoreStartStates():
                     self._starts.add(self._bridge.view(starts.nextStart()).tobytes())
-                # The nearest node is asked for at the range itself.
+                # Motions exactly as long as the range are allowed; the factor covers rounding.
                 self._longest = planner.getRange() * (1.0 + 1e-6)
             yield
         finally:
@@ -113,12 +114,12 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         return ob.Cost(self._integral(min(ends), max(ends), self.field.revision))
 
     def motionCostHeuristic(self, start: Any, end: Any) -> Any:
-        """Return a cost that no way between two states goes below."""
+        """Return a lower bound of the cost of any path between two states."""
         delta = self._bridge.difference(self._bridge.read(start), self._bridge.view(end))  # asked very often
         return ob.Cost(self._least() * math.sqrt(delta.dot(delta)))
 
     def _least(self) -> float:
-        """Return the danger that no configuration goes below; say so if a thread of OMPL's own asks, and hangs."""
+        """Return a lower bound of the danger of all configurations; log an error if a thread of OMPL calls it."""
         thread = threading.get_ident()
         if thread != self._thread:
             self._thread = thread
@@ -136,7 +137,7 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
 
 
 class FiniteCosts(ob.OptimizationObjective):  # type: ignore[misc]
-    """An objective of the user's own, with infinity wherever that one says NaN."""
+    """A user's objective with infinite cost in place of NaN."""
 
     def __init__(self, objective: Any) -> None:
         super().__init__(objective.getSpaceInformation())
@@ -145,7 +146,7 @@ class FiniteCosts(ob.OptimizationObjective):  # type: ignore[misc]
 
 
 def _asking(name: str) -> Callable[..., Any]:
-    """Return a method of `FiniteCosts` that asks the method of that name of the user's objective."""
+    """Return a method of `FiniteCosts` that calls the method of this name of the user's objective."""
 
     def ask(self: FiniteCosts, *arguments: Any) -> Any:
         answer = getattr(self.objective, name)(*arguments)
@@ -163,10 +164,10 @@ for _name in (
 
 
 class StateCost:
-    """The cost of configurations as planners read it from a problem's objective.
+    """The cost of configurations by a problem's objective, for the planners of this package.
 
-    It is asked for batches if it answers them (`values(Q)`, as `DangerObjective` does), else state by state. Without an
-    objective, or with path length, every configuration costs nothing and planning is classical.
+    Costs are computed in batches if the objective has `values(Q)`, as `DangerObjective` has, else state by state.
+    Without an objective, or with path length, all costs are 0 and planning is classical.
     """
 
     def __init__(self, objective: Any, bridge: StateBridge) -> None:
@@ -184,7 +185,7 @@ class StateCost:
         return np.array([self._state_cost(q) for q in Q], dtype=np.float64)
 
     def _state_cost(self, q: FloatArray) -> float:
-        """Return the objective's cost of a state at `q: (n,)`; InputError if that is no `ob.Cost`."""
+        """Return the objective's cost of a state at `q: (n,)`; InputError if the objective returns no `ob.Cost`."""
         cost = self._objective.stateCost(self._scratch.set(q))
         if not isinstance(cost, ob.Cost):
             raise InputError(f"{type(self._objective).__name__}.stateCost must return an ob.Cost, got {cost!r}")
@@ -197,7 +198,7 @@ class StateCost:
 
     @property
     def field(self) -> DangerField | None:
-        """The danger field whose values the costs are; None where they may be anything else."""
+        """The danger field if the costs are its values; None for other objectives."""
         own = type(self._objective) is DangerObjective
         return self._objective.field if own and type(self._objective.field) is DangerField else None
 

@@ -1,4 +1,4 @@
-"""Validity of states and motions, by the same `Constraints`: what OMPL asks; and the user's own checker."""
+"""OMPL's state validity checker and motion validator for the same `Constraints`, and checkers of users."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from safe_ompl.robot import ScratchState, StateBridge
 
 
 class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
-    """Accepts states within the joint limits and the constraints, whose robot touches neither an obstacle nor itself.
+    """Accepts states within the joint limits and the constraints, in which the robot is free of collision.
 
-    The coordinates of the space must be the robot's joints (`joint_space`), but their limits are the robot's, however
-    wide the space. `check` is the check of configurations (n,) that states undergo. An UnknownNameError if the scene
-    has no obstacle of a name in the constraints.
+    The coordinates of the space must be the robot's joints (`joint_space`). The robot's limits hold even if the bounds
+    of the space are wider. `check` is the check of configurations (n,). Raises UnknownNameError if a constraint names
+    an obstacle that the scene lacks.
 
     Examples
     --------
@@ -39,20 +39,20 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
 
     @property
     def checker(self) -> CollisionChecker:
-        """Robot and scene."""
+        """The collision checker of the robot in the scene."""
         return self.check.checker
 
     def getConstraints(self) -> Constraints:
-        """Return what states must keep to besides joint limits and collision."""
+        """Return the constraints on states besides joint limits and collision."""
         return self.check.constraints
 
     def setConstraints(self, constraints: Constraints, checker: CollisionChecker | None = None) -> None:
-        """Set what states must keep to; with a checker also another scene of the same robot; errors as the class."""
+        """Set the constraints, and optionally a checker of the same robot in another scene; errors as the class."""
         self.check = ConfigurationCheck(checker or self.checker, constraints)
 
     @property
     def settings(self) -> tuple[Any, ...] | None:
-        """What decides which states are valid: checker, revision and constraints; None if the user's checker does."""
+        """A key of everything that decides validity: checker, revision, constraints; None with a user's checker."""
         checker, constraints = self.checker, self.getConstraints()
         if constraints.user is not None:
             return None
@@ -60,8 +60,8 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         return checker, checker.revision, constraints.separation, limit, constraints.tool
 
     def isValid(self, state: Any) -> bool:
-        """Return whether `state` is within limits, finite, free of collision, and allowed by the constraints."""
-        # OMPL's bounds let NaN pass, and a space may be wider than the robot's limits.
+        """Return whether `state` is finite, within limits, free of collision, and allowed by the constraints."""
+        # OMPL's bounds accept NaN, and may be wider than the robot's limits, so `check` tests both again.
         if not self._space.satisfiesBounds(state):
             return False
         return self.check.allows(self.bridge.view(state), state)
@@ -72,7 +72,7 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
 
 
 def bridge_of(si: Any) -> StateBridge:
-    """Return the bridge of a space information's space: that of its validity checker, while the bounds are the same."""
+    """Return a StateBridge for the space; the validity checker's own bridge if its bounds are still the same."""
     validity = si.getStateValidityChecker()
     known = validity.bridge if isinstance(validity, CollisionFreeValidity) else None
     return known if known is not None and known.is_current else StateBridge(si.getStateSpace())
@@ -81,11 +81,11 @@ def bridge_of(si: Any) -> StateBridge:
 class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
     """Accepts straight motions that are proven free, not sampled (`safe_ompl.collision.MotionProver`).
 
-    Any OMPL planner that asks `si.checkMotion` plans certified paths with it. The coordinates of the space must be the
-    robot's joints (see `joint_space`). An edge with less clearance than about `safe_ompl.collision.FLOOR` stays
-    undecided, and counts as blocked. The state validity checker should have the same constraints: the user's checker
-    among them is asked about what is proven free, and kept alive by `CollisionFreeValidity` only. `motion` is what
-    proves motions; `setConstraints` puts another one in its place.
+    With it, any OMPL planner that calls `si.checkMotion` plans certified paths. The coordinates of the space must be
+    the robot's joints (see `joint_space`). An edge with less clearance than about `safe_ompl.collision.FLOOR` remains
+    undecided and counts as blocked. The state validity checker should have the same constraints. A user's checker among
+    them tests edges that are proven free; only `CollisionFreeValidity` keeps it alive. `motion` is the prover of
+    motions, which `setConstraints` replaces.
 
     Examples
     --------
@@ -106,15 +106,15 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
 
     @property
     def checker(self) -> CollisionChecker:
-        """Robot and scene."""
+        """The collision checker of the robot in the scene."""
         return self.motion.checker
 
     def getConstraints(self) -> Constraints:
-        """Return what motions must keep to besides joint limits and collision."""
+        """Return the constraints on motions besides joint limits and collision."""
         return self._constraints
 
     def setConstraints(self, constraints: Constraints, checker: CollisionChecker | None = None) -> None:
-        """Set what motions must keep to; with a checker also another scene of the same robot; errors as the class."""
+        """Set the constraints, and optionally a checker of the same robot in another scene; errors as the class."""
         borrowed = constraints.borrowed()
         separation, limits = borrowed.separation, borrowed.limits
         self.motion = MotionProver(checker or self.checker, separation=separation, limits=limits)
@@ -134,12 +134,12 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
 # Distance between two samples of a motion.
 RESOLUTION = 0.01  # [rad]
 _STEP_ROUNDING = 1e-9
-# A witness names this beside the user's checker.
+# The second name of the pair in a verdict, after the name of the user's checker.
 _REFUSES = "its own answer"
 
 
 class SampledValidity(UserCheck):
-    """A state validity checker of the user's, or a function of a state; what it raises arrives unchanged."""
+    """A user's state validity checker, or function of a state; its exceptions arrive unchanged."""
 
     def __init__(self, checker: Any, bridge: StateBridge, resolution: float = RESOLUTION) -> None:
         if not (isinstance(checker, ob.StateValidityChecker) or callable(checker)):
@@ -154,14 +154,14 @@ class SampledValidity(UserCheck):
         self._bridge, self._scratch = bridge, ScratchState(bridge)
 
     def allows(self, q: FloatArray, state: Any = None) -> bool:
-        """Return what the checker says of a configuration (n,); raise InputError for anything but a bool."""
+        """Return whether the checker accepts a configuration (n,); raise InputError if it does not return a bool."""
         answer = self._asks(self._scratch.set(q) if state is None else state)
         if not isinstance(answer, (bool, np.bool_)):
             raise InputError(f"the state validity checker {self.name} must return a bool, got {answer!r}")
         return bool(answer)
 
     def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
-        """Ask at even steps of the straight motion between `start` and `end: (n,)`; says where it is refused."""
+        """Call the checker at even steps from `start` to `end`, each (n,); return where it refuses the motion."""
         delta = self._bridge.difference(start, end)
         count = max(1, ceil(float(np.linalg.norm(delta)) / self.resolution - _STEP_ROUNDING))
         for k in range(count + 1):

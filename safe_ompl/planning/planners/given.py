@@ -1,4 +1,4 @@
-"""Anyone's planner: a function whose path is checked, repaired where it touches, and proven."""
+"""`FunctionPlanner`: a user's planning function, whose path is checked, repaired where it collides, and proven."""
 
 from __future__ import annotations
 
@@ -23,36 +23,36 @@ from safe_ompl.scene import Scene
 
 _log = logging.getLogger(__name__)
 
-# From a robot, a scene, a start (n,) and a goal (n,) to way points (N, n), or None where it finds none.
+# A function of robot, scene, start (n,) and goal (n,) that returns way points (N, n), or None if it finds no path.
 PathFunction = Callable[[Robot, Scene, FloatArray, FloatArray], "ArrayLike | None"]
 
-# Planners that compute in single precision return start and goal rounded. Numbers that differ by less are the same.
+# Planners in single precision return rounded ends. The ends of a path may differ from start and goal by this much.
 _END_ROUNDING = 1e-4  # [rad or m]
 
 
 class FunctionPlanner(SafePlanner):
     """Plans by a function of the user's, such as a call of VAMP, of plainmp or of a learned planner.
 
-    The function is asked for way points from a start to each goal in turn, until one path can be proven. A path that
-    touches something, or breaks a limit, is repaired: pieces of it are moved aside by as little as possible, and where
-    this does not succeed a `SafeRRTConnect` plans ways round them. The function is not stopped when time is up.
+    The function is called for each pair of start and goal, until one path can be proven. A path in collision or against
+    a limit is repaired: pieces of it are moved aside as little as possible, and where this fails a `SafeRRTConnect`
+    plans detours. The function is not interrupted when the time is over.
 
     Parameters
     ----------
     si : ob.SpaceInformation
-        With a `CollisionFreeValidity` and a `CertifiedMotionValidator`, as that of a `SafeSetup`.
+        Space information with a `CollisionFreeValidity` and a `CertifiedMotionValidator`, as of a `SafeSetup`.
     function : callable
-        From `(robot, scene, start, goal)` to way points (N, n) [rad or m] in the order of the robot's joints, or None
-        where it finds no path. Start and goal are arrays (n,).
+        Function of `(robot, scene, start, goal)` that returns way points (N, n) [rad or m] in the order of the robot's
+        joints, or None if it finds no path. Start and goal are arrays (n,).
     name : str, optional
-        Name in logs and results; by default that of the function.
+        Name in logs and results; by default the name of the function.
     range : float >= 0, default 0.0 [rad]
-        Largest length of one extension where a way round is planned; 0 takes 7.5 % of the space's extent.
+        Largest length of one extension of a detour; 0 means 7.5 % of the space's extent.
 
     Attributes
     ----------
     repaired : str
-        What became of the path found last: "unchanged", or how it was repaired.
+        How the last path was repaired, or "unchanged".
     """
 
     def __init__(self, si: Any, function: PathFunction, name: str | None = None, **parameters: Any) -> None:
@@ -75,7 +75,10 @@ class FunctionPlanner(SafePlanner):
         return None
 
     def _taken(self, found: ArrayLike, start: FloatArray, goal: FloatArray) -> FloatArray:
-        """Return way points (N, n) that the function found, with the very start and goal; errors if they are none."""
+        """Check the function's way points, and return them (N, n) with exact start and goal.
+
+        Raises InputError for invalid way points, and PlanningError if the path does not lead from start to goal.
+        """
         path = finite_array(found, (None, self._bridge.n), f"way points of {self.getName()}")
         if len(path) < 2:
             raise InputError(f"way points of {self.getName()} must be two or more, got {len(path)}")
@@ -83,19 +86,19 @@ class FunctionPlanner(SafePlanner):
             away = self._bridge.difference(path[row], end)
             if np.abs(away).max() > _END_ROUNDING:
                 raise PlanningError(f"{self.getName()} returned a path that {word} {np.abs(away).max():.3g} rad away")
-            # A continuous joint may be one turn away.
+            # A continuous joint may differ from the end by full turns, which are kept.
             path[row] = np.where(np.abs(path[row] - end) <= _END_ROUNDING, end, path[row] + away)
         # Planners may repeat way points.
         differ = np.diff(path[:-1].astype(np.float32), axis=0).any(axis=1)
         return np.asarray(path[np.concatenate([[True], differ, [True]])])
 
     def _proven(self, path: FloatArray, validator: CertifiedMotionValidator, ptc: Any) -> FloatArray | None:
-        """Return a path (N, n), or the nearest one that is proven; None if none was found."""
+        """Return the path (N, n) if it is proven, else the repaired path, or None if the repair fails."""
 
         def connect(start: FloatArray, goal: FloatArray) -> FloatArray | None:
             return self._way_round(start, goal, ptc)
 
-        # A check of the user's own cannot be proven, so that it is asked afterwards.
+        # Nothing can be proven of a user's checker, so it is called on the repaired path afterwards.
         constraints = replace(validator.getConstraints(), user=None)
         prover = MotionProver(validator.checker, separation=constraints.separation, limits=constraints.limits)
         repair = motions.repair_with(motions.Motion.through(path), prover, connect=connect)
@@ -111,7 +114,7 @@ class FunctionPlanner(SafePlanner):
         return repair.path
 
     def _way_round(self, start: FloatArray, goal: FloatArray, ptc: Any) -> FloatArray | None:
-        """Return a free path (N, n) between two configurations (n,), under all that the space information knows."""
+        """Plan a free path (N, n) between two configurations (n,) with `SafeRRTConnect`; None if none is found."""
         si = self.getSpaceInformation()
         problem, ends = ob.ProblemDefinition(si), (ScratchState(self._bridge), ScratchState(self._bridge))
         problem.setStartAndGoalStates(ends[0].set(start), ends[1].set(goal))

@@ -1,4 +1,4 @@
-"""A roadmap: milestones, and what is known of them and their edges; and the graphs of a search on it."""
+"""The roadmap of `SafePRM` with the verdicts on milestones and edges, and the graphs of a search on it."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _WORST_COST = 1e100
 class Roadmap:
     """Milestones as rows of one array, with the verdicts on them and on the edges between them.
 
-    No motion is checked twice. `valid`, `invalid`: (N,) say which milestones were found so, `connected: (N,)` which
-    were ever reached from a start or goal, and `edges` which straight motions from one to another are free.
+    No motion is checked twice. `valid` and `invalid` (N,) mark milestones that were checked, and `connected` (N,) those
+    that were ever reached from a start or goal. `edges` maps pairs of milestones to whether the edge is free.
     """
 
     def __init__(self, problem: PlanningProblem) -> None:
@@ -51,21 +51,21 @@ class Roadmap:
         self.connected = np.concatenate([self.connected, unknown])
 
     def _placed(self, Q: FloatArray) -> FloatArray:
-        """Return the key points in a row (B, 3K) [m] for `Q: (B, n)`, or Q itself without a robot."""
+        """Return the robot's key points (B, 3K) [m] at `Q: (B, n)`, or Q itself without a robot."""
         if self._robot is None:
             return Q
         points = self._robot.keypoints_batch(Q)
         return points.reshape(len(Q), 3 * points.shape[1])
 
     def nearest(self, milestone: int, excluded: BoolArray) -> IntArray:
-        """Return the milestones that are neither invalid nor among `excluded: (N,)`, those nearest by D first.
+        """Return the milestones that are neither invalid nor in the mask `excluded: (N,)`, in the order of D.
 
-        That is the paper's metric (11), how far the distal ends p_i of the links lie apart:
+        D is the paper's metric (11), with the positions p_i of the distal ends of the links:
 
             D(q1, q2) = Σ_i ‖p_i(q1) − p_i(q2)‖²  [m²]
 
-        The smaller it is, the less the robot sweeps between the two, and the likelier the straight motion is free.
-        Without a robot it is that of the coordinates.
+        The smaller D is, the less space the robot sweeps, and the more probably the straight motion is free. Without a
+        robot D is the squared distance of the coordinates.
         """
         ways = self.ways_to(milestone) if self._robot is None else self._places - self._places[milestone]
         distances = squares(ways)
@@ -73,12 +73,12 @@ class Roadmap:
         return left[np.argsort(distances[left], kind="stable")]
 
     def ways_to(self, milestone: int) -> FloatArray:
-        """Return the straight motions (N, n) [rad or m] between every milestone and one of them."""
+        """Return the differences (N, n) [rad or m] from every milestone to one of them."""
         return self._problem.bridge.difference(self.configurations, self.configurations[milestone])
 
     def costs(self, milestones: IntArray) -> FloatArray:
         """Return the costs (M,) of `milestones: (M,)`."""
-        # Computing all at once costs little more than computing one.
+        # All new costs are computed in one batch, which takes little more time than one cost.
         if self._priced < len(self):
             new = self.configurations[self._priced :]
             self._costs[self._priced :] = np.fmin(self._problem.cost.values(new), _WORST_COST)
@@ -95,7 +95,7 @@ class Roadmap:
         return bool(self.valid[milestone])
 
     def is_free(self, start: int, end: int, margin: float = 0.0) -> bool:
-        """Return whether the edge from one milestone to another is free, or that back, and keeps a margin [m]."""
+        """Return whether the edge between two milestones is free in one direction and keeps a margin [m]."""
         verdict = self.edges.get((start, end), self.edges.get((end, start)))
         if not margin or verdict is False:
             return self.check(start, end) if verdict is None else verdict
@@ -113,11 +113,11 @@ class Roadmap:
         return margin <= kept
 
     def margins_of(self, start: int, end: int) -> tuple[float, float]:
-        """Return the largest margin [m] that an edge was proven to keep, and the smallest that it was not."""
+        """Return the largest margin [m] that is proven for an edge, and the smallest that could not be proven."""
         return self._margins.get((min(start, end), max(start, end)), (0.0, inf))
 
     def check(self, start: int, end: int) -> bool:
-        """Return whether the edge from one milestone to another is free; ask where only the way back is known."""
+        """Return whether the edge is free from `start` to `end`; check it if only the other direction is known."""
         if (start, end) not in self.edges:
             ends = self.configurations[start], self.configurations[end]
             self.edges[start, end] = self._problem.motion_is_free(*ends)
@@ -126,11 +126,11 @@ class Roadmap:
     # ---------------------------------------------------------------------------------------- starts and goals
 
     def add_start(self, q: FloatArray) -> None:
-        """Take a valid start configuration (n,)."""
+        """Add a valid start configuration (n,)."""
         self.starts.append(self._milestone_at(q))
 
     def add_goal(self, q: FloatArray) -> None:
-        """Take a valid goal configuration (n,)."""
+        """Add a valid goal configuration (n,)."""
         self.goals.append(self._milestone_at(q))
 
     def _milestone_at(self, q: FloatArray) -> int:
@@ -143,7 +143,7 @@ class Roadmap:
         return milestone
 
     def forget_ends(self) -> None:
-        """Forget which milestones are starts and goals."""
+        """Clear the lists of starts and goals; their milestones stay."""
         self.starts.clear()
         self.goals.clear()
 
@@ -158,7 +158,7 @@ class Roadmap:
         return bool(self.goals)
 
     def approach(self, bridge: StateBridge) -> FloatArray:
-        """Return a free path (N, n) from a start to the milestone in its reach that is nearest to a goal."""
+        """Return a free path (N, n) from a start to the connected milestone that is nearest to a goal."""
         neighbors: dict[int, list[int]] = {}
         for (first, second), is_free in self.edges.items():
             if is_free:
@@ -176,7 +176,7 @@ class Roadmap:
         return np.asarray(self.configurations[[path[0], *(end for _, end in free)]])
 
     def graph(self) -> PlannerGraph:
-        """Return what was ever reached."""
+        """Return all milestones that were ever reached, with the free edges between them."""
         kept = np.unique(np.concatenate([np.flatnonzero(self.connected), self.starts, self.goals])).astype(np.intp)
         free = [edge for edge, is_free in self.edges.items() if is_free]
         edges = np.array(free, dtype=np.intp).reshape(-1, 2)
@@ -193,8 +193,8 @@ def squares(rows: FloatArray) -> FloatArray:
 class SearchGraph:
     """One of the two graphs of a search on a roadmap: its lists Closed and Open, and the tree of parents.
 
-    Open holds offers: a milestone, the parent that offers an edge to it, the length g of the way to it through that
-    parent, and how often it was penalised. A milestone may have several.
+    Open holds offers. An offer is a milestone, a parent with an edge to it, the length g of the path to it through this
+    parent, and its number of penalties. A milestone may have several offers.
     """
 
     def __init__(self, size: int, roots: list[int], *, from_start: bool) -> None:
@@ -208,14 +208,14 @@ class SearchGraph:
         self.penalties: IntArray = np.zeros(len(roots), dtype=np.intp)
 
     def add_open(self, milestones: IntArray, parent: int, lengths: FloatArray) -> None:
-        """ADD (Open): offer edges of the given lengths from `parent`, which is in Closed."""
+        """ADD (Open): add offers of edges with these lengths from `parent`, which is in Closed."""
         self.milestones = np.concatenate([self.milestones, milestones])
         self.parents = np.concatenate([self.parents, np.full(len(milestones), parent)])
         self.g = np.concatenate([self.g, self._length[parent] + lengths])
         self.penalties = np.concatenate([self.penalties, np.zeros(len(milestones), dtype=np.intp)])
 
     def add_closed(self, offer: int) -> int:
-        """ADD (Closed): take an offer of Open and return its milestone."""
+        """ADD (Closed): move an offer of Open to Closed, and return its milestone."""
         milestone = int(self.milestones[offer])
         self.closed[milestone] = True
         self._parent[milestone] = self.parents[offer]
@@ -223,17 +223,17 @@ class SearchGraph:
         return milestone
 
     def remove_open(self, offers: list[int]) -> None:
-        """REMOVE (Open): drop offers, and all others of milestones that are in Closed."""
+        """REMOVE (Open): remove offers, and all offers of milestones in Closed."""
         keep = ~self.closed[self.milestones]
         keep[offers] = False
         self.milestones, self.parents = self.milestones[keep], self.parents[keep]
         self.g, self.penalties = self.g[keep], self.penalties[keep]
 
     def as_driven(self, parent: int, milestone: int) -> tuple[int, int]:
-        """Return the ends of an edge in the order in which a path drives them."""
+        """Return the ends of an edge in the direction in which the robot moves."""
         return (parent, milestone) if self.from_start else (milestone, parent)
 
     def joined(self, other: SearchGraph, met: int) -> list[int]:
-        """Return the milestones from start to goal through the one where this graph meets the other."""
+        """Return the milestones from start to goal through the milestone `met`, where this graph meets the other."""
         graph, other = (self, other) if self.from_start else (other, self)
         return branch(graph._parent, met) + branch(other._parent, met)[-2::-1]

@@ -11,53 +11,52 @@ from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margi
 
 
 class SafeRRTConnect(SafePlanner):
-    """Two trees, from start and goal, that grow from safe nodes and greedily connect (SAFE_RRT-CONNECT).
+    """RRT-Connect whose two trees, from start and goal, grow from safe nodes (SAFE_RRT-CONNECT).
 
-    A random configuration is approached from the node that minimises ρ + α·CDF, a compromise between nearness and
-    danger; then the other tree tries to connect to the new node. On its way every new node moves down the gradient
-    of the danger, at right angles to the step, as far as the way stays free. With α = 0 it is RRT-Connect.
+    A tree is extended towards a random configuration from the node that minimises ρ + α·CDF, a compromise between
+    distance and danger. Then the other tree tries to connect to the new node. Every new node is moved down the gradient
+    of the danger, perpendicular to the step, as long as the motion stays free. With α = 0 it is RRT-Connect.
 
     Parameters
     ----------
     range : float >= 0, default 0.0 [rad]
-        Largest length of one extension, before it moves sideways; 0 takes 7.5 % of the space's extent.
+        Largest length of one extension, before it is moved sideways; 0 means 7.5 % of the space's extent.
     alpha : float >= 0, default 1.0
-        Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations: at 1, nodes that differ in
-        danger as much as a typical step of 1 rad changes it are set 1 rad apart. 0 plans classically.
+        Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations. At 1, a typical change of the
+        danger over a step of 1 rad weighs as much as a distance of 1 rad. 0 plans classically.
     nearest_fraction : float >= 0, <= 1, default 0.3
-        ε: share of the choices of a node by distance alone. Any ε > 0 keeps the planner probabilistically complete: a
-        node in a dangerous passage would otherwise never be chosen again.
+        ε: share of iterations that choose the node by distance alone. Any ε > 0 keeps the planner probabilistically
+        complete: otherwise a node in a dangerous passage might never be chosen.
     slide : float >= 0, <= 1, default 0.8
         Largest sideways motion of a new node down the gradient of the danger, as a fraction of the range; 0 gives the
-        paper's straight extension. It acts where α > 0 and the objective offers gradients (`DangerObjective` does).
+        paper's straight extension. It acts if α > 0 and the objective has gradients, as `DangerObjective` has.
     threshold_rise : float >= 0, default 0.05
-        No node is added that is more dangerous than its parent and than a threshold. This is at first the danger of the
-        more dangerous end, which no path can avoid; after every eight refusals it rises by this share. It keeps the
-        peak of the danger low. 0 for no threshold.
+        A node that is more dangerous than its parent and than a threshold is refused. The threshold is at first the
+        danger of the more dangerous end, which no path can avoid. After every eight refusals it rises by this share. It
+        keeps the peak of the danger low. 0 for no threshold.
     danger_decay : float >= 0, default 100.0
-        Number of turns after which half of the turns ignore danger and margin; after three times as many nearly all do.
-        So danger that keeps the planner out of a narrow place costs no more than about that many turns. 0 for no decay.
+        Number of iterations after which half of the iterations ignore danger and margin; after three times as many
+        nearly all do. So danger that blocks a narrow passage costs about this many iterations at most. 0 for no decay.
     clearance : float >= 0, default 0.05 [m]
-        Largest margin that motions keep from all obstacles, dangerous or not, also where nothing is dangerous. It is no
-        more than 80 % of what start and goal keep. It falls to 60 % after every twelve trapped steps, or every 48 where
-        nothing is dangerous. It acts where α > 0, in turns that do not ignore danger (`danger_decay`), and needs a
-        `CertifiedMotionValidator`. 0 for none.
+        Largest margin from all obstacles, dangerous or not. It is limited to 80 % of the clearance of start and goal.
+        It falls to 60 % after every twelve trapped steps, or every 48 if nothing is dangerous. It acts if α > 0, in
+        iterations that do not ignore danger (`danger_decay`), and needs a `CertifiedMotionValidator`. 0 for no margin.
     iterations : int >= 0, default 0
-        K: how many turns the trees take before the planner gives up; 0: until time is up.
+        K: largest number of iterations; 0: until the time is over.
 
     Notes
     -----
-    The planner as it is printed in [1] is `PaperSafeRRTConnect`, and RRT-Connect as printed in [2] `PaperRRTConnect`.
-    What differs here, and why:
+    `PaperSafeRRTConnect` is the planner as printed in [1], and `PaperRRTConnect` is RRT-Connect as printed in [2]. The
+    differences of this planner, with reasons:
 
-    * a share of the choices ignores danger (`nearest_fraction`): no passage stays closed;
-    * steps descend sideways and keep to a threshold (`slide`, `threshold_rise`): lower danger;
-    * a shorter step is tried where a whole one is trapped: fewer nodes in narrow places;
-    * once a tree has more than 64 nodes, the smaller one has eight of nine turns (all of them in [3], §5.5.3): a
-      narrow place around a start or a goal is left sooner;
-    * motions keep a margin, as long as they can (`clearance`): obstacles that are not dangerous are not grazed, either;
-    * danger and margin lose weight where no path is found (`danger_decay`): they cost no solution;
-    * α is relative to the usual slope of the danger: one default serves all robots.
+    * A share of the iterations ignores danger (`nearest_fraction`), so that no passage stays closed.
+    * Steps are moved sideways and obey a threshold (`slide`, `threshold_rise`), for lower danger.
+    * If a whole step is trapped, a shorter one is tried, for fewer nodes in narrow passages.
+    * Once a tree has more than 64 nodes, the smaller tree has eight of nine iterations (all of them in [3], §5.5.3). So
+      a narrow passage around a start or a goal is left sooner.
+    * Motions keep a margin as long as they can (`clearance`), so that paths do not graze harmless obstacles either.
+    * Danger and margin lose weight if no path is found (`danger_decay`), so that they do not prevent a solution.
+    * α is relative to the typical slope of the danger, so that one default fits all robots.
 
     References
     ----------
@@ -102,7 +101,7 @@ class SafeRRTConnect(SafePlanner):
         self._margin.largest = self.clearance
 
     def _search(self, ptc: Any) -> FloatArray | None:
-        """SAFE_RRT-CONNECT."""
+        """Run the paper's SAFE_RRT-CONNECT."""
         self._margin.begin(self._trees)
         return self._growth.connect(
             self._trees,

@@ -1,4 +1,4 @@
-"""Two trees of configurations that are to meet, and what was built."""
+"""The two trees of a bidirectional planner, and the graph of nodes and edges that a planner has built."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from safe_ompl.robot import StateBridge
 
 
 class SearchTree(Protocol):
-    """One of two trees that are to meet."""
+    """One of the two trees of a bidirectional planner."""
 
     def __len__(self) -> int: ...
     def add_root(self, q: FloatArray) -> None:
@@ -28,17 +28,17 @@ AnyTree = TypeVar("AnyTree", bound=SearchTree)
 
 
 class TwoTrees(Generic[AnyTree]):
-    """What a planner builds from starts and goals: two trees that are to meet."""
+    """The two trees of a bidirectional planner, with roots at the starts and at the goals."""
 
     def __init__(self, start: AnyTree, goal: AnyTree) -> None:
         self.start, self.goal = start, goal
 
     def add_start(self, q: FloatArray) -> None:
-        """Take a valid start configuration (n,)."""
+        """Add a valid start configuration (n,)."""
         self.start.add_root(q)
 
     def add_goal(self, q: FloatArray) -> None:
-        """Take a valid goal configuration (n,)."""
+        """Add a valid goal configuration (n,)."""
         self.goal.add_root(q)
 
     @property
@@ -52,7 +52,7 @@ class TwoTrees(Generic[AnyTree]):
         return len(self.goal) > 0
 
     def approach(self, bridge: StateBridge) -> FloatArray:
-        """Return the branch (N, n) from a start to the node that is nearest to a goal; N = 1 where that is a start."""
+        """Return the branch (N, n) from a start to the node nearest to a goal; N = 1 if this node is a start."""
         (rows, parents), (back, followers) = self.start.nodes(), self.goal.nodes()
         return np.asarray(rows[branch(parents, nearest_row(bridge, rows, back[followers < 0]))])
 
@@ -74,13 +74,13 @@ class TwoTrees(Generic[AnyTree]):
 
 
 def nearest_row(bridge: StateBridge, rows: FloatArray, goals: FloatArray) -> int:
-    """Return which of the configurations `rows: (N, n)` is nearest to one of the `goals: (G, n)`."""
+    """Return the index of the configuration in `rows: (N, n)` that is nearest to one of the `goals: (G, n)`."""
     squares = [np.square(bridge.difference(rows, goal)).sum(axis=1) for goal in goals]
     return int(np.min(squares, axis=0).argmin())
 
 
 class Trees(TwoTrees[Tree]):
-    """Two trees that are to meet; `counts` counts their nodes."""
+    """The two trees of a planner; `counts` counts their nodes."""
 
     def __init__(self, bridge: StateBridge, cost: StateCost, counts: Counts) -> None:
         super().__init__(Tree(bridge, cost, from_start=True), Tree(bridge, cost, from_start=False))
@@ -92,16 +92,16 @@ class Trees(TwoTrees[Tree]):
         return tree.add(q, parent)
 
     def path(self, tree: Tree, node: int, other: Tree, met: int) -> FloatArray:
-        """Return the two branches (N, n), from start to goal; the configuration where they meet counts once."""
+        """Return the path (N, n) from start to goal along two branches; the node where they meet appears once."""
         if not tree.from_start:
             tree, node, other, met = other, met, tree, node
         return np.concatenate([tree.branch(node), other.branch(met)[-2::-1]])
 
 
 class PlannerGraph(NamedTuple):
-    """What a planner holds: `configurations: (N, n)` [rad or m], and which of them are starts and goals.
+    """The graph of a planner: `configurations: (N, n)` [rad or m], and the indices of starts and goals among them.
 
-    `edges: (E, 2)` are free motions, each from one vertex to another in the direction in which it is driven.
+    `edges: (E, 2)` are free motions as pairs of indices, in the direction in which the robot moves.
     """
 
     configurations: FloatArray
@@ -110,13 +110,14 @@ class PlannerGraph(NamedTuple):
     goals: IntArray
 
     def fill(self, data: Any, bridge: StateBridge) -> None:
-        """Append the graph to an `ob.PlannerData`, which gets copies of the states; vertices keep their order."""
+        """Append the graph to an `ob.PlannerData` with copies of the states; the order of vertices is kept."""
         starts, goals = set(self.starts.tolist()), set(self.goals.tolist())
         states: list[Any] = []
         numbers = []
         for k, q in enumerate(self.configurations):
             states.append(bridge.space.allocState())
-            # It knows states by their addresses, and does not forget those that were freed when it was cleared
+            # PlannerData identifies states by their addresses, and keeps addresses of states that `clear` has freed.
+            # Therefore a state is allocated until its address is new.
             while data.vertexExists(vertex := ob.PlannerDataVertex(states[-1])):
                 states.append(bridge.space.allocState())
             bridge.write(q, states[-1])
@@ -124,5 +125,5 @@ class PlannerGraph(NamedTuple):
             numbers.append(add(vertex))
         for start, end in self.edges.tolist():
             data.addEdge(numbers[start], numbers[end])
-        # Until this call the data hold pointers to our states.
+        # Until this call the PlannerData has pointers to the states allocated here.
         data.decoupleFromPlanner()
