@@ -1,14 +1,14 @@
-"""Plain checks of distances, speeds and limits of the tool, for the verifier of certificates.
+"""Simple checks of distances, speeds and tool limits, for the verifier of certificates.
 
-One pair of bodies at a time by `coal.distance`, and a bound of how far the two can approach each other. Let the joints
-move by Δ from a configuration, the one nearest to the base first. When joint i moves, the bodies beyond it still hang
-on it as they did before, so that no point of a body moves more than its distance from the joint's axis, times |Δ_i|;
-if it slides, more than |Δ_i|. The sum over the joints that move one body of a pair but not the other bounds the
+Each pair of bodies is checked by `coal.distance` and a bound of the approach of the two bodies. Let the joints move by
+Δ from a configuration, one after the other, the joint nearest to the base first. When joint i moves, the bodies beyond
+it do not move relative to each other. Hence no point of a body moves more than its distance from the joint's axis times
+|Δ_i|, or than |Δ_i| if the joint is prismatic. The sum over the joints that move exactly one body of a pair bounds the
 approach.
 
-At the centre of an interval of the curve the velocity x′ of a point, by arc length, is the sum of what the joints add;
-no point of a body is faster than its fastest corner. Away from it x′ changes by no more than ‖x″‖ allows: with joint
-j nearer to the base than joint k, ‖∂²x/∂q_j∂q_k‖ is no more than R_k if k turns, 1 if it slides, and 0 where j slides.
+At the centre of an interval of the curve the velocity x′ of a point, by arc length, is the sum over the joints, and no
+point of a body is faster than its fastest corner. Away from the centre x′ changes at most by ‖x″‖: with joint j nearer
+to the base than joint k, ‖∂²x/∂q_j∂q_k‖ is at most R_k if k is revolute, 1 if k is prismatic, and 0 if j is prismatic.
 R_k is the length of the chain from joint k to the farthest point.
 """
 
@@ -30,12 +30,12 @@ from safe_ompl.io import schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-# The distances of coal are at most this far off.
+# Error bound of coal's distances.
 GJK = 1e-5  # [m]
 
 
 class Budget:
-    """The time [s] that verification may take; `where` it is, is said when that is over."""
+    """The time limit [s] of a verification. `where` is the current place, for the error message."""
 
     def __init__(self, seconds: float) -> None:
         self.where = "its beginning"
@@ -54,7 +54,7 @@ ENDLESS = Budget(inf)
 
 
 class Separations:
-    """Distances of bodies and obstacles by `names`, pair by pair, how far these can approach, what they must keep."""
+    """Distances of pairs of bodies and obstacles by `names`, bounds of their approach, and required distances."""
 
     def __init__(self, robot: Robot, scene: Scene, claims: ClaimedStretch, budget: Budget = ENDLESS) -> None:
         self._robot, self._data, self.budget = robot, robot.shared.model.createData(), budget
@@ -80,7 +80,7 @@ class Separations:
     def examined(
         self, q: FloatArray, steps: FloatArray, only: Container[tuple[str, str]]
     ) -> Iterator[tuple[tuple[str, str], float, float, float]]:
-        """For some of the pairs: names, distance at `q`, how far it can approach in `steps`, what it must keep."""
+        """Yield names, distance at `q`, largest approach within `steps` and required distance of the pairs in `only`."""
         self.budget.spend()
         robot, links = self._robot, self._links
         steps = robot.coupling.reach(steps)
@@ -106,13 +106,13 @@ class Separations:
 
     @staticmethod
     def distance(shape: Any, pose: Any, other: Any, other_pose: Any) -> float:
-        """Return the distance of two shapes in their poses [m]."""
-        # A result that is used twice keeps the smaller distance of the two, or overwrites it: never share one.
+        """Return the distance [m] of two shapes at given poses."""
+        # A result that is used twice keeps the smaller of both distances or overwrites it, so each query has its own.
         result = coal.DistanceResult()
         return float(coal.distance(shape, pose, other, other_pose, coal.DistanceRequest(), result))
 
     def _radii(self, places: list[pin.SE3]) -> FloatArray:
-        """Return how far each body's farthest point is from the axes of the joints that move it; 1 if one slides."""
+        """Return distances of each body's farthest point from the axes of its joints; 1 for prismatic joints."""
         axes, origins = joint_lines(self._robot, self._data)
         radii = np.zeros((len(places), len(axes)))
         for k, ((points, pad), place, by) in enumerate(zip(self._points, places, self._movers, strict=True)):
@@ -121,9 +121,9 @@ class Separations:
 
 
 def farthest(points: FloatArray, place: pin.SE3, origins: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return how far the farthest of points (V, 3) in a place is from axes (J, 3) of length 1 through origins (J, 3).
+    """Return the largest distances of points (V, 3) at a pose from unit axes (J, 3) through origins (J, 3).
 
-    It is the largest ‖(p − o) × a‖, taken in the frame of the points.
+    The distance is the largest ‖(p − o) × a‖, computed in the frame of the points.
     """
     (a, b, c), (x, y, z) = (axes @ place.rotation).T, ((origins - place.translation) @ place.rotation).T
     nought = np.zeros_like(a)
@@ -141,19 +141,19 @@ def plain_name(name: str) -> str:
 
 
 def joints_below(robot: Robot, joint: int) -> list[int]:
-    """Return the joints, counted from 0, from a joint of Pinocchio's to the base, itself included."""
+    """Return the joints, counted from 0, from one of Pinocchio's joints (included) to the base."""
     return [above - 1 for above in list(robot.shared.model.supports[joint])[:0:-1]]
 
 
 def joint_lines(robot: Robot, data: pin.Data) -> tuple[FloatArray, FloatArray]:
-    """Return the axes (m, 3) of the model's joints where they are placed, of length 1, and points (m, 3) on these."""
+    """Return unit axes (m, 3) of the model's joints at the present configuration, and points (m, 3) on the axes."""
     joints = list(data.oMi)[1:]
     axes = [joint.rotation @ axis for joint, axis in zip(joints, robot.shared.chain.axes, strict=True)]
     return np.array(axes), np.array([joint.translation for joint in joints])
 
 
 def corners(shape: coal.CollisionGeometry) -> tuple[FloatArray, float]:
-    """Return points, and a radius, such that the balls around the points have the shape in their convex hull."""
+    """Return points and a radius. The convex hull of the balls around the points contains the shape."""
     if isinstance(shape, coal.Sphere):
         return np.zeros((1, 3)), float(shape.radius)
     if isinstance(shape, coal.Capsule):
@@ -167,25 +167,25 @@ def corners(shape: coal.CollisionGeometry) -> tuple[FloatArray, float]:
     return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]), 0.0
 
 
-# Speeds may be above their limit by so much.
+# Tolerance of speed limits.
 _SPEED_TOLERANCE = 1e-8  # [m/s]
-# Intervals that are shorter are not divided any more.
+# Shorter intervals are not divided.
 _LEAST_INTERVAL = 1e-7  # [rad]
 
 
 class _Body(NamedTuple):
-    """Points in the frame of a joint, the radius of the balls about them, and the joints below, deepest first."""
+    """Points in a joint's frame, the radius of balls around them, and the joints towards the base, outermost first."""
 
     points: FloatArray
     pad: float
     carrier: int
     movers: list[int]
-    # How far the balls reach from the origin of the frame [m].
+    # Largest distance of a point of the balls from the origin of the frame [m].
     length: float
 
 
 class PlainSpeeds:
-    """The largest speeds of the tip, or of every body and the tip."""
+    """Bounds of the largest speed of the tip, or of all bodies and the tip."""
 
     def __init__(self, robot: Robot, budget: Budget) -> None:
         self._robot, self._budget = robot, budget
@@ -205,7 +205,7 @@ class PlainSpeeds:
         return _Body(points, pad, carrier, joints_below(self._robot, carrier), length)
 
     def exceeded(self, law: RecordedLaw, limit: float, *, tool: bool) -> float | None:
-        """Return where on the curve [rad] the tip, or any body, is not proven to keep to a speed [m/s]; else None."""
+        """Return the arc length [rad] where a speed limit [m/s] of the tip, or of any body, is not proven, or None."""
         bodies = [self._tip] if tool else self._all
         for j, rate in enumerate(law.fastest.tolist()):
             start = law.starts[law.of[j]]
@@ -223,14 +223,14 @@ class PlainSpeeds:
         return None
 
     def _bounds(self, piece: RecordedPiece, middle: float, half: float, bodies: list[_Body]) -> tuple[float, float]:
-        """Return the largest ‖x′‖ at the middle of an interval, and a bound of it throughout."""
+        """Return the largest ‖x′‖ at the middle of an interval, and a bound over the interval."""
         self._budget.spend()
         robot = self._robot
         q, coupling = piece.at(middle), robot.coupling
         pin.forwardKinematics(self._model, self._data, robot.pinocchio_configuration(q))
         axes, origins = joint_lines(robot, self._data)
         motions, sliding = coupling.motions(piece.at(middle, 1))[:, None] * axes, robot.joint_prismatic[:, None]
-        # What a joint carries moves with turn × x + drift.
+        # A point x that a joint carries moves with turn × x + drift.
         turns = np.where(sliding, 0.0, motions)
         drifts = np.where(sliding, motions, np.cross(origins, motions))
         steps = coupling.reach(piece.most(1))
@@ -245,7 +245,7 @@ class PlainSpeeds:
         place = self._data.oMi[body.carrier]
         turning, drift = turns[body.movers].sum(axis=0), drifts[body.movers].sum(axis=0)
         x, y, z = turning
-        # For this matrix p @ across is turning × p.
+        # With this matrix, p @ across is turning × p.
         across = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
         velocity = body.points @ (place.rotation.T @ across) + (place.translation @ across + drift)
         return sqrt(float((velocity * velocity).sum(axis=1).max())) + body.pad * sqrt(float(turning @ turning))
@@ -254,10 +254,10 @@ class PlainSpeeds:
 def bend_bound(
     robot: Robot, movers: list[int], length: float, steps: FloatArray, bends: FloatArray, slid: FloatArray
 ) -> float:
-    """Return a bound of ‖x″‖, by arc length, of points that joints `movers` move, deepest first.
+    """Return a bound of ‖x″‖, by arc length, of points moved by the joints `movers`, outermost first.
 
-    The points are no farther than `length` [m] from the origin of the first of them. Of the model's joints (m,) `steps`
-    and `bends` bound |q′| and |q″|, and `slid` says how far sliding ones are out [m].
+    The points are within `length` [m] of the origin of the first of these joints. For the model's joints (m,), `steps`
+    and `bends` bound |q′| and |q″|, and `slid` bounds the extension of prismatic joints [m].
     """
     sliding = robot.joint_prismatic.tolist()
     beneath = float(sum(steps[i] for i in movers if not sliding[i]))
@@ -272,15 +272,15 @@ def bend_bound(
     return found
 
 
-# Intervals in which the tool moves less are not divided any more.
+# Intervals in which the tool moves less are not divided.
 _LEAST_TURN = 1e-5  # [rad or m]
-# Intervals in which no joint moves more are not divided any more, either.
+# Intervals in which no joint moves more are not divided.
 _LEAST_STEP = 1e-7  # [rad or m]
 _TOOL_ROUNDING = 1e-7  # [rad or m]
 
 
 class PlainTool:
-    """Angle and position of the tip that are claimed, and how far they can change."""
+    """The claimed limits of angle and position of the tip, with bounds of their change."""
 
     def __init__(self, robot: Robot, claim: ClaimedTool, budget: Budget = ENDLESS) -> None:
         self._robot, self._claim, self._budget = robot, claim, budget
@@ -288,7 +288,7 @@ class PlainTool:
         self._movers = joints_below(robot, int(self._model.frames[robot.tip_frame].parentJoint))
 
     def exceeded(self, piece: RecordedPiece) -> tuple[float, str] | None:
-        """Return at which share of a piece, and which limit is not proven to be kept; else None."""
+        """Return the share of a piece at which a limit is not proven, and the name of the limit, or None."""
         steps, tube = piece.steps, piece.width
         waiting = [(0.5, 0.5)]
         while waiting:
@@ -303,7 +303,7 @@ class PlainTool:
         return None
 
     def _excesses(self, q: FloatArray, steps: FloatArray) -> list[tuple[str, float, float]]:
-        """Return for each limit its name, by how much it is exceeded at `q`, and how much that can change."""
+        """Return name, excess at `q`, and largest change of the excess within `steps`, for each limit."""
         self._budget.spend()
         robot, claim = self._robot, self._claim
         pin.framesForwardKinematics(self._model, self._data, robot.pinocchio_configuration(q))
@@ -313,7 +313,7 @@ class PlainTool:
         found = []
         if claim.orientation is not None:
             axis, direction = claim.orientation.axis, claim.orientation.direction
-            # The axis of the tool turns on cones about the axes of the joints.
+            # The axis of the tool moves on cones about the axes of the joints.
             tool = tip.rotation @ axis / sqrt(axis @ axis)
             across, along = np.cross(tool, direction), float(tool @ direction)
             angle = atan2(sqrt(float(across @ across)), along)

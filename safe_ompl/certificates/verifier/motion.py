@@ -1,13 +1,13 @@
-"""The motions and the time laws that a certificate holds, evaluated by plain means.
+"""The motions and time laws of a certificate, evaluated by simple methods.
 
-**Motions.** A piece is a Bézier curve. Its control points, and those of its derivatives, are found exactly, in rational
-numbers; those of its parts by de Casteljau's algorithm. A part, and every derivative, is in the box of its control
-points.
+**Motions.** A piece is a Bézier curve. Its control points, and those of its derivatives, are computed exactly, in
+rational numbers; those of its parts by de Casteljau's algorithm. A part, and every derivative, lies in the box of its
+control points.
 
-**Time laws.** ṡ² is linear in each cell between two grid points; or such a law is a plan σ, and s(t) is its average
-over the window from t − w to t. In corners the plan waits for w. No σ(τ) of a window in which σ̇ ≤ m is farther than
-m w/2 from its average. So while the robot is in cell k, the largest σ̇ = m of the window is reached in a cell that is no
-farther away than m w/2, and all σ(τ) are in such cells.
+**Time laws.** ṡ² is linear in each cell between two grid points. Alternatively such a law is a plan σ, and s(t) is its
+average over the window from t − w to t. At corners the plan waits for w. In a window with σ̇ ≤ m every σ(τ) is within m
+w/2 of the average. So while the robot is in cell k, the largest σ̇ = m of the window is reached in a cell within m w/2,
+and all σ(τ) are in such cells.
 """
 
 from __future__ import annotations
@@ -25,27 +25,28 @@ from safe_ompl.certificates.claims import ClaimedMotion, ClaimedTrajectory
 from safe_ompl.common import BoolArray, CertificateError, FloatArray
 from safe_ompl.robot import Robot
 
-# What positions, velocities, accelerations and jerks may be above their limits; positions and what else must be
-# continuous may jump so far. Rates are issued with half of that.
+# Tolerances of positions, velocities, accelerations and jerks above their limits, and of jumps of continuous values.
+# Certificates are issued with half of the tolerances of derivatives.
 ABOVE = (1e-6, 2e-6, 2e-6, 2e-3)  # [rad or m, s]
-# The curve of a time law begins and ends where the path does, and its pieces where the one before ends, but for this.
+# Tolerance of the joints between the pieces of a time law's curve, and of the ends of the curve and the path.
 _EQUAL_POSITIONS = 1e-9  # [rad]
-# Jumps of velocities, and of accelerations where the jerk is limited, that are none under a time law.
+# Under a time law, smaller jumps of velocities (and of accelerations, if the jerk is limited) are rounding errors.
 _EQUAL_RATES = 1e-6  # [rad/s, rad/s²]
-# Jumps of places, velocities and accelerations under a time law, as rates, at most.
+# Under a time law, largest jumps of positions, velocities and accelerations per time of a piece.
 _MOST_JUMP_RATES = (1e-8, 1e-6, 1e-3)  # [rad, s]
-# What velocities, accelerations and jerks under a time law may be above their limits.
+# Tolerances of velocities, accelerations and jerks above their limits, under a time law.
 _TIME_LAW_TOLERANCES = (1e-8, 1e-7, 1e-4)  # [rad, s]
-# Relative, of reach and, for grid points, of the shorter piece beside.
+# Relative rounding of the reach; for grid points, relative to the shorter neighbouring piece.
 _REACH_ROUNDING = 1e-9
 _LONGEST_PATH = 1e4  # [rad]
 _MOST_HALVINGS = 60
 
 
 class RecordedPiece(NamedTuple):
-    """A polynomial of a parameter from 0 to its length, by control points, and how far joints (n,) may be from it.
+    """A polynomial of a parameter from 0 to `length`, by its control points.
 
-    `rows` are the control points of its values, (d + 1, n), and of its derivatives by the parameter.
+    `rows` are the control points of its values, (d + 1, n), and of its derivatives with respect to the parameter.
+    `width` bounds the deviation of the joints (n,) from the polynomial.
     """
 
     name: str
@@ -60,22 +61,22 @@ class RecordedPiece(NamedTuple):
 
     @property
     def steps(self) -> FloatArray:
-        """How fast joints (n,) move at most, by the share of the piece."""
+        """Bounds (n,) of the speeds of the joints, per share of the piece."""
         return self.length * self.most(1)
 
     def at(self, s: float, order: int = 0) -> FloatArray:
-        """Return the values (n,), or those of a derivative, where the parameter is s."""
+        """Return the values (n,), or a derivative, at parameter s."""
         row, t = self.rows[order], s / self.length
         while len(row) > 1:
             row = (1 - t) * row[:-1] + t * row[1:]
         return np.asarray(row[0])
 
     def most(self, order: int) -> FloatArray:
-        """Return a bound (n,) of the size of a derivative."""
+        """Return a bound (n,) of the absolute value of a derivative."""
         return np.asarray(np.abs(self.rows[order]).max(axis=0))
 
     def between(self, order: int, first: float, last: float) -> tuple[FloatArray, FloatArray]:
-        """Return bounds (n,) of a derivative from below and from above between two values of the parameter."""
+        """Return lower and upper bounds (n,) of a derivative between two parameter values."""
         points, end = self.rows[order], min(last / self.length, 1.0)
         if len(points) > 1:
             points = halves(points, end)[0]
@@ -84,7 +85,7 @@ class RecordedPiece(NamedTuple):
 
 
 class RecordedMotion:
-    """The pieces of a motion, and where the motion before it, if there is one, ends."""
+    """The pieces of a motion, and the preceding motion if there is one."""
 
     def __init__(self, claim: ClaimedMotion, before: RecordedMotion | None = None) -> None:
         self.claim, self.before = claim, before
@@ -100,7 +101,7 @@ class RecordedMotion:
         self.end = [row[-1] for row in self.pieces[-1].rows]
 
     def jumps(self, order: int) -> FloatArray:
-        """Return by how much (K, n) a derivative of some order jumps where pieces begin."""
+        """Return the jumps (K, n) of a derivative at the beginnings of the pieces."""
         ends = [piece.rows[order][-1] for piece in self.pieces[:-1]]
         first = self.begin[order]
         comparable = self.before is not None and (order == 0 or (self.claim.timed and self.before.claim.timed))
@@ -110,7 +111,7 @@ class RecordedMotion:
         )
 
     def check_joined(self) -> None:
-        """Raise CertificateError unless it goes on as the motion before ends: at its velocity, or both at rest."""
+        """Raise CertificateError unless it continues the preceding motion: at equal velocity, or both at rest."""
         before, claim = self.before, self.claim
         if before is None:
             return
@@ -130,7 +131,7 @@ class RecordedMotion:
 
 
 def derivatives(coefficients: FloatArray, span: Fraction) -> list[FloatArray]:
-    """Return the control points (d − k + 1, n), at least one, of the k-th derivative by time, for k = 0 … 3."""
+    """Return the control points (d − k + 1, n), at least one, of the k-th time derivative, for k = 0 … 3."""
     degree, powers = len(coefficients) - 1, [list(map(Fraction, row)) for row in coefficients.tolist()]
     rows = [
         [sum(Fraction(comb(i, k), comb(degree, k)) * c[k] for k in range(i + 1)) for c in zip(*powers, strict=True)]
@@ -146,7 +147,7 @@ def derivatives(coefficients: FloatArray, span: Fraction) -> list[FloatArray]:
 
 
 def halves(points: FloatArray, share: float = 0.5) -> tuple[FloatArray, FloatArray]:
-    """Return the control points of a curve up to a share of it, and of the rest, by de Casteljau's algorithm."""
+    """Return the control points of the two parts of a curve, divided at a share, by de Casteljau's algorithm."""
     before, after = [], []
     while len(points):
         before.append(points[0])
@@ -156,11 +157,11 @@ def halves(points: FloatArray, share: float = 0.5) -> tuple[FloatArray, FloatArr
 
 
 class RecordedLaw:
-    """Where on its curve the robot is when; a CertificateError unless it is one motion between the ends of a path.
+    """The time law on a curve. Raises CertificateError unless it is one motion between the ends of a path.
 
-    The pieces of the curve begin at values `starts` of its parameter. At `edges`, (C + 1,), ṡ² is `squares`; of the
-    plan, if there is a `window` [s], which is else 0. Of each of the C cells `of` is the piece, `ends` the grid point
-    at which the robot stops in any case, `fastest` a bound of ṡ.
+    The pieces of the curve begin at parameter values `starts`. At `edges`, (C + 1,), ṡ² is `squares`: of the plan, if
+    the `window` [s] is not 0. For each of the C cells, `of` is the piece, `ends` the next grid point at which the robot
+    stops, and `fastest` a bound of ṡ.
     """
 
     def __init__(self, claim: ClaimedTrajectory, curve: RecordedMotion, path: RecordedMotion, robot: Robot) -> None:
@@ -192,7 +193,7 @@ class RecordedLaw:
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return self._average.duration
 
     @property
@@ -201,7 +202,7 @@ class RecordedLaw:
         return np.diff(self.squares) / (2 * np.diff(self.edges))
 
     def rates_between(self, cell: int, first: float, last: float) -> tuple[float, float]:
-        """Return the least and the largest ṡ between two arc lengths of a cell, or bounds of them."""
+        """Return the least and the largest ṡ, or bounds of them, between two arc lengths of a cell."""
         if not self.window:
             begin, end = self.edges[cell], self.edges[cell + 1]
             squares = np.interp([first, last], [begin, end], self.squares[cell : cell + 2])
@@ -212,9 +213,9 @@ class RecordedLaw:
         return max(min(rates) - more, 0.0), max(rates) + more
 
     def near(self, k: int, speeds: FloatArray) -> BoolArray:
-        """Return in which cells (C,) the plan, if its σ̇ is `speeds: (C,)` there, may be while the robot is in cell k.
+        """Return the cells (C,) where the plan may reach its largest σ̇ of the window while the robot is in cell k.
 
-        All those in which it is no slower than elsewhere in the window.
+        `speeds: (C,)` are the values of σ̇ in the cells.
         """
         cells = np.arange(len(self.of))
         if not self.window:
@@ -224,7 +225,7 @@ class RecordedLaw:
         return np.asarray(between & (away <= np.maximum(self.window / 2 * speeds * (1 - _REACH_ROUNDING), 0.0)))
 
     def fastest_near(self, speeds: FloatArray) -> FloatArray:
-        """Return bounds (C,) of ṡ in the cells for a plan whose σ̇ is at most `speeds: (C,)` in them."""
+        """Return bounds (C,) of ṡ in the cells for a plan with σ̇ ≤ `speeds: (C,)` in the cells."""
         return np.array([speeds[self.near(k, speeds)].max() for k in range(len(self.of))])
 
     @staticmethod
@@ -236,7 +237,7 @@ class RecordedLaw:
             raise CertificateError(f"trajectory: piece {k} does not begin where the one before ends")
 
     def _check_grid(self) -> list[int]:
-        """Return the piece of each cell; cells must be in order, and none in two pieces."""
+        """Return the piece of each cell. Raises an error if cells are not in order, or a cell is in two pieces."""
         edges = self.edges
         if len(edges) < 2 or not (np.diff(edges) > 0).all() or edges[0] != self.starts[0]:
             raise CertificateError("trajectory: its grid points are not in order")
@@ -258,9 +259,9 @@ class RecordedLaw:
         return int(np.abs(self.edges - s).argmin())
 
     def _check_smooth(self, curve: RecordedMotion, corners: list[int]) -> None:
-        """Refuse pieces that begin with another velocity, or acceleration, than those before end with.
+        """Raise CertificateError if velocity or acceleration jumps between pieces.
 
-        A jump J where a piece of length h begins counts as the rate Jṡ/h, too, so that many make no staircase.
+        A jump J at the beginning of a piece of length h also counts as the rate Jṡ/h, which excludes many small jumps.
         """
         speed = sqrt(float(self.squares.max()))
         orders = range(3 if self.window else 2)
@@ -276,7 +277,7 @@ class RecordedLaw:
                 raise CertificateError(f"trajectory: piece {k} is too short for the jump where it begins")
 
     def exceeded(self, claim: ClaimedTrajectory, squares: FloatArray, pushes: FloatArray) -> str | None:
-        """Return which joint exceeds the limits that are claimed, and where, if any does.
+        """Return a text with the joint that exceeds a claimed limit, and where, or None.
 
         In each cell the law, or its plan, is in the convex hull of pairs of ṡ² and s̈, `squares, pushes: (C, K)`.
         """
@@ -290,7 +291,7 @@ class RecordedLaw:
             piece, start = self.pieces[self.of[k]], self.starts[self.of[k]]
             ends = self.edges[k] - start, self.edges[k + 1] - start
             slopes, bends = piece.between(1, *ends), list(piece.between(2, *ends))
-            # ṡ² may be less than the average of those of the plan.
+            # ṡ² may be less than the average of σ̇² of the plan.
             if self.window:
                 bends.append(np.zeros_like(bends[0]))
             near = self.near(k, np.full(len(most), fastest))
@@ -313,9 +314,9 @@ class RecordedLaw:
 
 
 class PlainAverage:
-    """When the robot is where, if it is at the average of a plan (C + 1,) over a window [s].
+    """The time law of the average of a plan (C + 1,) over a window [s].
 
-    In the grid points `corners` the plan waits for as long.
+    At the grid points `corners` the plan waits for the window.
     """
 
     def __init__(self, edges: FloatArray, squares: FloatArray, corners: list[int], window: float) -> None:
@@ -340,7 +341,7 @@ class PlainAverage:
         return self._edges[k] + since * (begin + since * push / 2), area + later * self._edges[k + 1]
 
     def _at(self, time: float) -> tuple[float, float]:
-        """Return σ and ∫σ at a time; it is at rest before and after."""
+        """Return σ and ∫σ at a time. The plan rests before its start and after its end."""
         if time <= 0:
             return self._edges[0], self._edges[0] * time
         k = min(bisect_right(self._leaves, time), len(self._edges) - 1) - 1
@@ -352,7 +353,7 @@ class PlainAverage:
         return (self._at(time)[0] - self._at(time - self._window)[0]) / self._window
 
     def passed(self, cell: int, s: float) -> float:
-        """Return when the robot is at an arc length of a cell [rad]; by bisection, for s grows with time."""
+        """Return the time at which the robot passes an arc length of a cell [rad], by bisection."""
         early, late = self._reaches[cell], self._reaches[cell + 1] + self._window
         for _ in range(_MOST_HALVINGS):
             middle = (early + late) / 2

@@ -1,10 +1,11 @@
-"""The time law that a certificate claims, checked by plain means: limits, speeds, danger in motion, stops.
+"""Check the time law of a certificate by simple methods: limits, speeds, danger in motion, stops.
 
-**Stops.** A stop that begins in cell j (of the plan, if there is a window: the robot is later by the window at most)
-decelerates by min(b_j … b_k) in cell k. It takes longest from the end of the cell, at the largest speed there; and when
-it is in cell k, then no later than the stop from the start of cell j that ends at the end of cell k. The later of both
-over all j that get there is the latest instant τ_k at which a stop can still move in cell k. The robot must be farther
-from every limb than the clearance, and what the limb covers at its speed in the reaction time and in τ_k.
+**Stops.** A stop that begins in cell j decelerates by min(b_j … b_k) in cell k. If there is a window, the stop is that
+of the plan, and the robot is later by at most the window. The stop takes longest from the end of cell j, at the largest
+speed there. While the stop is in cell k, it is not later than the stop from the start of cell j that ends at the end of
+cell k. The smaller of both times is a bound for stops from cell j; its maximum over all j that reach cell k is the
+latest instant τ_k at which a stop can still move in cell k. The distance of the robot from every limb must exceed the
+clearance plus the distance that the limb covers at its speed in the reaction time and in τ_k.
 """
 
 from __future__ import annotations
@@ -28,9 +29,10 @@ _STOP_ROUNDING = 1e-9
 def check_trajectory(
     curve: RecordedMotion, path: RecordedMotion, robot: Robot, scene: Scene, budget: Budget
 ) -> RequiredFromPeople | None:
-    """Raise CertificateError unless the time law of a curve is as claimed; return what must be kept from people.
+    """Check that the time law of a curve is as claimed; return the distances that must be kept from people.
 
-    It begins and ends where a path does. That the curve is free is checked as for every motion (`check_motion`).
+    Raises CertificateError if it is not. The curve must begin and end where the path does. `check_motion` checks that
+    the curve is free, as for every motion.
     """
     claim = curve.claim
     assert isinstance(claim, ClaimedTrajectory)
@@ -70,9 +72,10 @@ def check_trajectory(
 
 
 def visits_of_stops(law: RecordedLaw, brakes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return for each of the C cells the largest ṡ² with which a stop enters, and the latest instant it moves there.
+    """Return for each of the C cells the largest ṡ² at which a stop enters, and the latest instant of motion there.
 
-    The instant is −inf where none gets to. A CertificateError if one is no stop or goes too far.
+    The instant is −inf if no stop reaches the cell. Raises CertificateError if a stop does not decelerate or goes too
+    far.
     """
     if not (brakes > 0).all():
         raise CertificateError("trajectory: a stop does not decelerate")
@@ -81,7 +84,7 @@ def visits_of_stops(law: RecordedLaw, brakes: FloatArray) -> tuple[FloatArray, F
     for j in range(len(sizes)):
         end = int(law.ends[j])
         weakest = np.minimum.accumulate(brakes[j:end])
-        # What the stop takes of ṡ² from the start of j on.
+        # ṡ² that the stop has lost since the start of j.
         taken = np.append(0.0, np.cumsum(2 * weakest * sizes[j:end]))
         top = max(squares[j], squares[j + 1])
         spare = _STOP_ROUNDING * max(top, 1e-6)
@@ -90,11 +93,11 @@ def visits_of_stops(law: RecordedLaw, brakes: FloatArray) -> tuple[FloatArray, F
                 f"trajectory: a stop from {law.edges[j]:.6f} rad goes beyond where the robot must stand"
             )
         reached = int(np.searchsorted(taken[1:] - taken[1], top, side="left"))
-        # The cells that are reached are j … j + last.
+        # The reached cells are j … j + last.
         last = min(max(reached, 1), end - j)
         whole = _stop_duration(top, weakest[1:], sizes[j + 1 : end], brakes[j])
         ending = _durations(taken[: last + 1], sizes[j : j + last])
-        # ṡ² at the end of j, wherever the stop begins in it.
+        # ṡ² at the end of j, for any start of the stop within j.
         after = max(squares[j] - taken[1], squares[j + 1])
         entered = np.append(top, after - (taken[1:last] - taken[1]))
         fastest[j : j + last] = np.maximum(fastest[j : j + last], entered)
@@ -103,7 +106,7 @@ def visits_of_stops(law: RecordedLaw, brakes: FloatArray) -> tuple[FloatArray, F
 
 
 def _stop_duration(square: float, brakes: FloatArray, sizes: FloatArray, first: float) -> float:
-    """Return how long a stop takes that begins where cells with these decelerations begin; `first` if there is none."""
+    """Return the duration of a stop that begins with cells of given decelerations (without cells: `first`)."""
     time, brake = 0.0, first
     for brake, size in zip(brakes.tolist(), sizes.tolist(), strict=True):
         after = square - 2 * brake * size
@@ -115,7 +118,7 @@ def _stop_duration(square: float, brakes: FloatArray, sizes: FloatArray, first: 
 
 
 def _durations(taken: FloatArray, sizes: FloatArray) -> FloatArray:
-    """Return for each cell how long the stop takes that begins with the first cell and ends with this one."""
+    """Return for each cell the duration of the stop that begins with the first cell and ends with this one."""
     left = np.maximum(taken[1:, None] - taken[None, :], 0.0)  # (end, grid point): ṡ²
     speeds = np.sqrt(left)
     both = speeds[:, :-1] + speeds[:, 1:]
@@ -124,7 +127,10 @@ def _durations(taken: FloatArray, sizes: FloatArray) -> FloatArray:
 
 
 class RequiredFromPeople:
-    """What bodies must keep from limbs of people on the pieces of a motion, where stops move until `latest: (C,)`."""
+    """Distances that bodies must keep from limbs of people on the pieces of a motion.
+
+    Stops move until `latest: (C,)`.
+    """
 
     def __init__(self, law: RecordedLaw, scene: Scene, stops: ClaimedStops, latest: FloatArray) -> None:
         self._stops, self._latest, self._pieces = stops, latest, law.pieces
@@ -136,7 +142,7 @@ class RequiredFromPeople:
         }
 
     def __call__(self, body: str, piece: int, first: float, last: float) -> float:
-        """Return what must be kept from a body [m] on a piece between two fractions of it."""
+        """Return the distance [m] to keep from a body on a piece, between two fractions of the piece."""
         if body not in self._speeds:
             return 0.0
         start, length = self._starts[piece], self._pieces[piece].length
