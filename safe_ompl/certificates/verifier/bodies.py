@@ -80,7 +80,7 @@ class Separations:
     def examined(
         self, q: FloatArray, steps: FloatArray, only: Container[tuple[str, str]]
     ) -> Iterator[tuple[tuple[str, str], float, float, float]]:
-        """Yield names, distance at `q`, largest approach within `steps` and required distance of the pairs in `only`."""
+        """Yield names, distance at `q`, largest approach in `steps` and required distance of the pairs in `only`."""
         self.budget.spend()
         robot, links = self._robot, self._links
         steps = robot.coupling.reach(steps)

@@ -1,14 +1,15 @@
-"""The danger of a path, and of a motion in time, by its definition: to check what certificates claim.
+"""The danger of a path and of a timed motion, computed from its definition to check the claims of certificates.
 
-A timed motion has KDF = k₁φ + k₂(φ′ + γI)ṡ for each link, with φ = ∫dt/‖ρ‖, φ′ = ∫ρ·x′/‖ρ‖³ dt and
-I = ∫‖x′‖/‖ρ‖² dt over its points x,
-ρ = p − x, x′ by arc length of the curve. In half an interval h, with ‖x′‖ ≤ V and ‖x″‖ ≤ A, no point of the link comes
-nearer to p than R, its distance D in the middle less Vh. Then φ ≤ U = φD/R, and as ‖ρ‖ ≥ R
+A timed motion has KDF = k₁φ + k₂(φ′ + γI)ṡ for each link, with φ = ∫dt/‖ρ‖, φ′ = ∫ρ·x′/‖ρ‖³ dt and I = ∫‖x′‖/‖ρ‖² dt
+over its points x, ρ = p − x, x′ by arc length of the curve. In half an interval h, with ‖x′‖ ≤ V and ‖x″‖ ≤ A, every
+point of the link stays at least R = D − Vh away from p, where D is the distance in the middle. Then φ ≤ U = φD/R, and
+as ‖ρ‖ ≥ R
 
     |φ″| ≤ B,  |I′| ≤ B,  B = U(2V²/R² + A/R);    φ ≤ φ + h|φ′| + h²B/2,    φ′ + γI ≤ φ′ + γI + (1 + γ)hB
 
-with the middle's on the right sides. ‖x′‖ is convex along a link: it is below its chords over parts of the link, for
-which ∫(c₀ + c₁t)/‖ρ‖² dt is elementary. Intervals and parts are halved together until the claim is proven.
+with the values of the middle on the right sides. ‖x′‖ is convex along a link, so it is below its chords over parts of
+the link, for which ∫(c₀ + c₁t)/‖ρ‖² dt is elementary. Intervals and parts are halved together until the claim is
+proven.
 """
 
 from __future__ import annotations
@@ -27,36 +28,36 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 _SUM_ROUNDING = 1e-6
-# Intervals in which no key point moves farther are not divided any more.
+# Intervals in which no key point moves farther are not divided.
 _LEAST_POINT_MOTION = 1e-5  # [m]
-# Intervals in which no joint moves more are not divided any more, either.
+# Intervals in which no joint moves more are not divided.
 _LEAST_STEP = 1e-7  # [rad or m]
 _NEGLIGIBLE_LENGTH = 1e-12  # [m]
-# Intervals that are shorter are not divided any more.
+# Shorter intervals are not divided.
 _SHORTEST_INTERVAL = 1e-7  # [rad]
 _PARTS, _MOST_PARTS = 4, 256  # of a link
-# Links that are shorter are as good as a point.
+# Shorter links are treated as points.
 _POINT_LIKE_LENGTH = 1e-6  # [m]
 
 
 class PlainDanger:
-    """The danger of a robot in a scene, link by link: eq. (4) in the form 2/ℓ·atanh(ℓ/S), and how far it can grow.
+    """The danger of a robot in a scene, link by link by eq. (4) as 2/ℓ·atanh(ℓ/S), with bounds of its growth.
 
-    Where no end of a link moves more than δ, less than its distance D from a danger point, its field there grows to
-    D/(D − δ) times what it was, at most. The danger points, (M, 3), are one at least.
+    If no end of a link moves more than δ, and δ is less than its distance D from a danger point, its field there grows
+    at most by the factor D/(D − δ). There is at least one danger point, (M, 3).
     """
 
     def __init__(self, robot: Robot, scene: Scene, claim: ClaimedDanger, budget: Budget) -> None:
         self._robot, self._claim, self._budget = robot, claim, budget
         self._data = robot.shared.model.createData()
-        # The scene may be asked for too many points.
+        # This call raises an error if the spacing gives too many points.
         with within("danger"):
             self.points, self.weights, _ = scene.danger_points(claim.spacing)
         if not len(self.points):
             self.points, self.weights = np.full((1, 3), 1e9), np.ones(1)
 
     def exceeded(self, piece: RecordedPiece, limit: float) -> tuple[float, float] | None:
-        """Return at which share of a piece, and by how much, a danger is not proven to keep to a limit; else None."""
+        """Return the share of a piece at which a danger limit is not proven, and the danger there, or None."""
         steps, tube = piece.steps, piece.width
         waiting = [(0.5, 0.5)]
         while waiting:
@@ -70,7 +71,7 @@ class PlainDanger:
         return None
 
     def _bounded(self, q: FloatArray, steps: FloatArray) -> tuple[float, float, float]:
-        """Return the danger at `q`, its bound while the joints move by `steps`, and how far key points move then."""
+        """Return the danger at `q`, its bound within `steps` of the joints, and the largest motion of key points."""
         self._budget.spend()
         robot, points = self._robot, self.points
         keypoints = robot.keypoints(q)
@@ -93,7 +94,7 @@ class PlainDanger:
         return self.aggregated(field.sum(axis=0)), self.aggregated(grown.sum(axis=0)), float(moved.max())
 
     def _moved(self, q: FloatArray, keypoints: FloatArray, steps: FloatArray) -> FloatArray:
-        """Return how far each key point (K,) can move [m] while the joints move by `steps` from `q`."""
+        """Return the largest motion [m] of each key point (K,) while the joints move by `steps` from `q`."""
         robot = self._robot
         pin.forwardKinematics(robot.shared.model, self._data, robot.pinocchio_configuration(q))
         axes, origins = joint_lines(robot, self._data)
@@ -102,7 +103,7 @@ class PlainDanger:
         return np.asarray(radii @ robot.coupling.reach(steps))
 
     def aggregated(self, fields: FloatArray) -> float:
-        """Return the danger where the robot's field at all danger points is `fields: (M,)`, without k₁ and weights."""
+        """Return the danger for fields of the robot at all danger points, `fields: (M,)`, without k₁ and weights."""
         levels = self._claim.k1 * self.weights * fields
         if self._claim.aggregate == "max":
             return float(levels.max())
@@ -117,7 +118,7 @@ class PlainDanger:
 def check_danger_and_tool(
     claims: ClaimedStretch, robot: Robot, scene: Scene, pieces: Iterable[RecordedPiece], budget: Budget
 ) -> None:
-    """Raise CertificateError unless the danger and the tool keep to what is claimed on all pieces of a motion."""
+    """Raise CertificateError unless the claims about danger and tool hold on all pieces of a motion."""
     danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger, budget)
     tool = None if claims.tool is None else PlainTool(robot, claims.tool, budget)
     for piece in pieces:
@@ -134,19 +135,19 @@ def check_danger_and_tool(
 
 
 class _MovingInterval(NamedTuple):
-    """What key points (K) and links (L) do in an interval of a curve: at its middle, and at most."""
+    """The motion of key points (K) and links (L) in an interval of a curve: values at its middle, and bounds."""
 
     half: float
     places: FloatArray
     velocities: FloatArray
     speeds: FloatArray  # (L,) V
     bends: FloatArray  # (L,) A
-    # How fast a link may become longer.
+    # Bound of the speed at which a link becomes longer.
     strokes: float
 
 
 class PlainMovingDanger:
-    """The danger of a robot that moves in a scene, of the kind that is claimed."""
+    """The danger of a moving robot in a scene, of the claimed kind."""
 
     def __init__(self, robot: Robot, scene: Scene, claim: ClaimedMovingDanger, budget: Budget) -> None:
         self._robot, self._claim, self._budget = robot, claim, budget
@@ -157,7 +158,7 @@ class PlainMovingDanger:
         self._gamma = claim.gamma
 
     def exceeded(self, law: RecordedLaw) -> float | None:
-        """Return where on the curve [rad] the danger is not proven to keep to the bound; else None."""
+        """Return the arc length [rad] at which the bound of the danger is not proven, or None."""
         for j, number in enumerate(law.of):
             piece, start = law.pieces[number], law.starts[number]
             cell = float(law.edges[j]) - start, float(law.edges[j + 1]) - start
@@ -180,11 +181,11 @@ class PlainMovingDanger:
         return None
 
     def _above(self, interval: _MovingInterval, rates: tuple[float, float], points: IntArray, parts: int) -> IntArray:
-        """Return those of some danger points whose danger is not proven to keep to the bound; all or none of a sum."""
+        """Return the danger points for which the bound is not proven. For a sum, all points or none are returned."""
         claim, still = self._claim, self._still
         levels, pushes = self._bounds(interval, still.points[points], parts)
         limit = claim.bound * (1 + _SUM_ROUNDING)
-        # Where a point may be reached the product is 0·∞.
+        # Where a point may be reached, the product is 0·∞. The result NaN is replaced by infinity.
         with np.errstate(invalid="ignore"):
             fields = [claim.k1 * levels + claim.k2 * rate * pushes for rate in rates]
         fields = [np.where(np.isnan(field), np.inf, field) for field in fields]
@@ -194,7 +195,7 @@ class PlainMovingDanger:
         return points if above else points[:0]
 
     def _bounds(self, interval: _MovingInterval, points: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
-        """Return bounds (M,) of φ and of φ′ + γI in an interval; without parts only what the distances say."""
+        """Return bounds (M,) of φ and of φ′ + γI in an interval. Without parts, only the distances are used."""
         h, V, A = interval.half, interval.speeds[:, None], interval.bends[:, None]
         a, b = (interval.places[side, None] for side in self._ends)
         w = b - a
@@ -229,7 +230,7 @@ class PlainMovingDanger:
         va, vb = (interval.velocities[side][:, None] for side in self._ends)
         speeds = _norm((1 - t)[:, None] * va + t[:, None] * vb)[:, None]  # (L, 1, parts+1)
         squared = np.maximum(length**2, _POINT_LIKE_LENGTH**2)
-        # Where the line of the link is nearest to p, and how near that is, in lengths of the link.
+        # The point of the link's line that is nearest to p, and its distance from p, in lengths of the link.
         s = ((u * w).sum(axis=2) / squared)[..., None]
         h = np.maximum(_norm(np.cross(u, w)) / squared, _NEGLIGIBLE_LENGTH)[..., None]
         slope = np.diff(speeds, axis=2) * parts

@@ -1,10 +1,10 @@
-"""The check of a motion that a certificate holds, by plain means: what is claimed of it holds everywhere on it.
+"""Check a motion of a certificate by simple methods: every claim holds at every point of the motion.
 
-No joint is farther from the centre of the box of a part's control points than half its width and what the piece allows
-for: slack, rounding, the jump before it, and the tube. A part holds if every pair is farther apart there than the two
-can approach each other then; pairs that are not are looked at again in both halves. Derivatives are no larger than
-their own control points. A jump J between pieces counts as motion of the piece behind it: of the i-th derivative above,
-as i! J / Δtⁱ.
+A joint is within half the width of the box of a part's control points from its centre, plus the allowance of the piece:
+slack, rounding, the preceding jump, and the tube. A part is proven if the distance of every pair exceeds the largest
+approach of the pair within the part. Other pairs are checked again in both halves. Derivatives are bounded by their
+control points. A jump J between pieces counts as motion of the later piece: for the i-th derivative above, as i! J /
+Δtⁱ.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from safe_ompl.common import CertificateError, FloatArray, IntArray
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
-# A joint that turns on and on farther than this has no exact angle any more.
+# Limit of continuous joints. Beyond it, the angle loses too many digits.
 _MOST_ANGLE = 1e4  # [rad]
-# By so much a joint may be outside its limits.
+# Tolerance of joint limits.
 _LIMIT_TOLERANCE = 2e-9  # [rad or m]
-# Parts in which no joint moves more are not divided any more.
+# Parts in which no joint moves more are not divided.
 _LEAST_JOINT_MOTION = 1e-8  # [rad or m]
 _MOST_SPLITS = 50
-# Relative, of fifty halvings.
+# Relative rounding error of fifty halvings.
 _SPLIT_ROUNDING = 1e-13
 
 Required: TypeAlias = Callable[[str, int, float, float], float]
-"""What must be kept from a body besides what is claimed [m], by the number of a piece and two shares of it."""
+"""Distance [m] to keep from a body besides the claims, by the index of a piece and two shares of the piece."""
 
 
 def check_motion(
@@ -45,9 +45,10 @@ def check_motion(
     motion: RecordedMotion,
     more: Required | None = None,
 ) -> IntArray:
-    """Return the number of pieces, parts and distances that it took; a CertificateError unless all claims hold of it.
+    """Check the claims about a motion; return the numbers of pieces, parts and distances.
 
-    What a time law adds is checked by `check_trajectory`, which says what `more` must be kept from people.
+    Raises CertificateError if a claim does not hold. `check_trajectory` checks the claims about a time law, and returns
+    the distances `more` that must be kept from people.
     """
     allowed = motion.jumps(0)
     for k in np.flatnonzero((allowed > ABOVE[0]).any(axis=1)).tolist():
@@ -65,7 +66,7 @@ def check_motion(
 
 
 def _check_free(pieces: Sequence[RecordedPiece], separations: Separations, more: Required | None) -> tuple[int, int]:
-    """Raise CertificateError unless all pairs keep apart on all pieces; return the number of parts and distances."""
+    """Raise CertificateError unless all pairs keep apart on all pieces; return the numbers of parts and distances."""
     parts = distances = 0
     for k, piece in enumerate(pieces):
         waiting = [(piece.points, 0.0, 1.0, set(separations.names))]
@@ -94,12 +95,12 @@ def _check_free(pieces: Sequence[RecordedPiece], separations: Separations, more:
 
 
 def _rounded(points: FloatArray) -> FloatArray:
-    """Return what halving control points adds to where joints (n,) are."""
+    """Return the rounding error (n,) of joints from halving control points."""
     return np.asarray(_SPLIT_ROUNDING * np.abs(points).max(axis=0))
 
 
 def _above(points: FloatArray, limit: FloatArray) -> int | None:
-    """Return which of some polynomials is not proven to be below its limit everywhere; else None."""
+    """Return the index of a polynomial that is not proven to stay below its limit, or None."""
     waiting = [(points, 0)]
     while waiting:
         part, depth = waiting.pop()
@@ -113,7 +114,7 @@ def _above(points: FloatArray, limit: FloatArray) -> int | None:
 
 
 def _check_limits(robot: Robot, pieces: Iterable[RecordedPiece]) -> None:
-    """Raise CertificateError unless joints keep to their limits on all pieces."""
+    """Raise CertificateError unless joints keep their limits on all pieces."""
     low = np.where(robot.continuous, -_MOST_ANGLE, robot.lower - _LIMIT_TOLERANCE)
     high = np.where(robot.continuous, _MOST_ANGLE, robot.upper + _LIMIT_TOLERANCE)
     for piece in pieces:
@@ -124,7 +125,10 @@ def _check_limits(robot: Robot, pieces: Iterable[RecordedPiece]) -> None:
 
 
 def _check_rates(motion: RecordedMotion, robot: Robot) -> None:
-    """Raise CertificateError unless rates keep to their limits; what is limited must not jump before."""
+    """Raise CertificateError unless velocities, accelerations and jerks keep their limits.
+
+    The derivative below each limited one must not jump.
+    """
     claim, pieces = motion.claim, motion.pieces
     limits = [None, claim.velocity, claim.acceleration, claim.jerk]
     kinds = ("position", "velocity", "acceleration", "jerk")
