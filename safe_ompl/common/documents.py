@@ -51,7 +51,8 @@ _SEEDS = 2**32
 _FLOAT = np.dtype(np.float64)
 # Names and remarks have at most this many characters.
 _LONGEST_LINE = 1000
-_DEEPEST = 20  # levels of `plain` data
+# Limit of the nesting of `plain` data.
+_DEEPEST = 20
 _folder: ContextVar[Path | None] = ContextVar("folder", default=None)
 
 

@@ -90,8 +90,8 @@ class UnknownNameError(InputError):
 
 
 def did_you_mean(name: object, known: Iterable[str]) -> str:
-    """Return a question about the known name that is most like a wrong one, whatever its case; empty if none is."""
-    # Only a wrong name needs this module.
+    """Return "did you mean …? " with the most similar known name, ignoring case; empty if no name is similar."""
+    # Only error messages need this module, so it is imported here.
     import difflib
 
     folded = {other.casefold(): other for other in known}

@@ -33,7 +33,8 @@ from safe_ompl.common.errors import InputError, cut, shown
 if TYPE_CHECKING:
     _Loader = yaml.SafeLoader
 else:
-    _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # six times as fast
+    # The C loader is six times as fast.
+    _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 # Limit of the nesting of lists and mappings.
 _MOST_LEVELS = 100
 # Limit of the nodes that aliases expand to. 1 kB of nested aliases could expand to any number of nodes.
@@ -131,7 +132,8 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
             return {name: archive[name] for name in archive.files}
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})", str(path)) from None
-    except (*MALFORMED, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error):  # RuntimeError: a password
+    # NumPy raises RuntimeError for an archive with a password.
+    except (*MALFORMED, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error):
         raise InputError("is no archive of arrays of numbers and text (NPZ)", str(path)) from None
 
 

@@ -196,7 +196,8 @@ def peaks(rows: FloatArray) -> Peaks:
         at[owner[best]] = left[best] + width
         owner, left = np.concatenate([owner, owner]), np.concatenate([left, left + width])
         cells = np.concatenate([lower, upper])
-    bound = np.maximum(bound, taken) + 16 * (degree + 1) * EPS * largest  # fifteen halvings round
+    # The last term bounds the rounding of fifteen halvings.
+    bound = np.maximum(bound, taken) + 16 * (degree + 1) * EPS * largest
     return Peaks(bound, taken, at)
 
 

@@ -20,7 +20,7 @@ from safe_ompl.common.errors import InputError, pass_on
 
 _Task = TypeVar("_Task")
 _Outcome = TypeVar("_Outcome")
-# The first tasks, this many, are sent to an executor one by one. Later batches have at most as many tasks.
+# An executor gets this many tasks one by one at first. Later batches have at most this many tasks.
 _FIRST = 16
 # Duration of a batch of tasks. Dask takes about 10 ms to send a batch.
 _WORTH = 0.5  # [s]
@@ -172,7 +172,8 @@ class _LogPipe(QueueHandler):
 
 def _work(do: Callable[[int], object], pipe: Connection, others: Sequence[Connection]) -> None:
     """Run the tasks whose numbers arrive through a pipe, until the pipe is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
+    # Only the parent handles Ctrl-C.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     logger = logging.getLogger("safe_ompl")
     logger.handlers, logger.propagate = [_LogPipe(pipe)], False
     for other in others:

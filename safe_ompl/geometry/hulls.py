@@ -330,7 +330,8 @@ def _summands(geometry: coal.CollisionGeometry) -> _Summands:
         return _Summands(_POINT, (0.0, 0.0, geometry.halfLength), 0.0, geometry.radius + ball)
     if isinstance(geometry, coal.Cylinder):
         return _Summands(_POINT, (0.0, 0.0, geometry.halfLength), geometry.radius, ball)
-    with np.errstate(over="ignore"):  # of planes
+    # The bounding box of a plane overflows.
+    with np.errstate(over="ignore"):
         hull = bounding_hull(geometry)
     few = len(hull.points) <= _MOST
     if not few:

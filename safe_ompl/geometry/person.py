@@ -260,7 +260,8 @@ class Person(Shape):
 
     def most_danger_points(self, spacing: float) -> float:
         starts, ends, radii = self._capsules
-        along = np.pi * radii + np.linalg.norm(ends - starts, axis=1)  # from pole to pole
+        # Lengths of the capsules' surfaces from pole to pole.
+        along = np.pi * radii + np.linalg.norm(ends - starts, axis=1)
         return float(((along / spacing + 4) * (2 * np.pi * radii / spacing + 1)).sum())
 
     def danger_points(self, spacing: float) -> FloatArray:

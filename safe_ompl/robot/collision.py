@@ -70,7 +70,7 @@ def links_lacking_shapes(model: pin.Model, collide: frozenset[str], drawn: froze
     shaped = {frame.parentJoint for frame in links if frame.name in collide | drawn}
     masses = [inertia.mass for inertia in model.inertias]
     for frame in frames:
-        # The mass of links on fixed joints is subtracted, because these links are treated separately.
+        # Pinocchio adds the mass of links on fixed joints to the mass of their joint. It is subtracted here.
         masses[frame.parentJoint] -= frame.inertia.mass if frame.type == fixed else 0.0
 
     def spans(joint: int) -> bool:

@@ -51,12 +51,13 @@ _STALLED = 0.99
 # The search from a seed ends after this many consecutive iterations without progress.
 _PATIENCE = 4
 
-# Batches of configurations (`Tip`).
+# The following constants are for batches of configurations (`Tip`).
 # This is added to the diagonal, so that singular matrices can be solved.
 _REGULAR_BATCH = 1e-8  # [m²/rad²]
 # Maximal step of an iteration.
 _LONGEST = 0.5  # [rad or m]
-_BRANCH_SEEDS, _BRANCH_ITERATIONS, _BRANCH_PRECISION = 40, 40, 1e-7  # of `configurations_at`; [m]
+# Numbers of seeds and iterations, and the precision [m], of `configurations_at`.
+_BRANCH_SEEDS, _BRANCH_ITERATIONS, _BRANCH_PRECISION = 40, 40, 1e-7
 # Axes count as parallel if the sine of the angle between them is below this.
 _PARALLEL = 1e-7
 # Configurations that differ by less than this belong to the same branch.
@@ -463,7 +464,8 @@ def configurations_at(robot: Robot, pose: pin.SE3, near: FloatArray, rng: np.ran
     frames = (np.broadcast_to(part, (len(seeds), *part.shape)) for part in (pose.translation, pose.rotation))
     still = np.zeros((2, len(seeds), 3))
     Q, arrived = Tip(robot).solved(seeds, Frames(*frames, *still), _BRANCH_PRECISION, _BRANCH_ITERATIONS)
-    Q = robot.difference(np.zeros_like(near), Q[arrived])  # continuous joints between ±π
+    # The difference from zero wraps continuous joints to ±π.
+    Q = robot.difference(np.zeros_like(near), Q[arrived])
     found: list[FloatArray] = []
     for q in Q[np.abs(robot.difference(near, Q)).max(axis=1).argsort()]:
         if all(np.abs(robot.difference(q, other)).max() > _SAME_BRANCH for other in found):

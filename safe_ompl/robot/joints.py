@@ -15,7 +15,8 @@ from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError,
 
 _log = logging.getLogger(__name__)
 
-_MOST_JOINTS = 8  # of a finger
+# A finger has at most this many joints.
+_MOST_JOINTS = 8
 # A finger is at most this long, from its first joint to the farthest frame that it carries.
 _LONGEST = 0.25  # [m]
 # The lengths of two fingers of a hand differ at most by this factor.

@@ -360,7 +360,8 @@ _BODIES = (
     *(coal.Box, coal.Sphere, coal.Capsule, coal.Cylinder, coal.Cone, coal.Ellipsoid),
     *(coal.ConvexBase, coal.BVHModelBase),
 )
-SIZES = ("halfSide", "radius", "halfLength", "radii")  # of coal's shapes
+# Names of the size attributes of coal's shapes.
+SIZES = ("halfSide", "radius", "halfLength", "radii")
 
 
 @dataclass(frozen=True)

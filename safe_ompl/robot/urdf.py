@@ -454,7 +454,8 @@ class UrdfFile:
             for number, element in enumerate(link.findall(tag)):
                 _check_shape(element, f"link {link.get('name')!r}, {tag} {number}", source)
         text = self._text_with_meshes(tag)
-        loader = coal.MeshLoader(coal.BV_OBB)  # fast to build
+        # Trees of this type are fast to build.
+        loader = coal.MeshLoader(coal.BV_OBB)
         try:
             geometry = pin.buildGeomFromUrdfString(model, text, kind, package_dirs=[], mesh_loader=loader)
         except (ValueError, RuntimeError) as error:

@@ -164,7 +164,8 @@ class Wait(_Contact):
 
 
 KINDS: dict[str, type[Step]] = {step.kind: step for step in (Move, Line, Seam, Gripper, Attach, Detach, Wait)}
-_SHORT = {"attach": "object", "detach": "object", "wait": "time"}  # ``{attach: cube}``
+# Steps with a short form such as ``{attach: cube}``, and the key that its value is for.
+_SHORT = {"attach": "object", "detach": "object", "wait": "time"}
 
 
 def read_step(key: str, value: Any) -> Step:

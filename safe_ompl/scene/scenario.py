@@ -183,7 +183,7 @@ class Scenario(Section):
     robot: RobotSpec = key(read_robot)
     scene: Scene = key(document.section, kind=Scene)
     start: Configuration = key(read_configuration)
-    # None if there is a program only.
+    # The goal is None if the scenario has only a program.
     goal: Goal = key(document.section, default=None, kind=Goal)
     program: Program | None = key(document.section, default=None, kind=Program)
     description: str = key(_description, default="")
