@@ -1,8 +1,8 @@
-"""The static danger field of links at points, the danger of configurations, and gradients of both (paper §3).
+"""The static danger field of links at points, the danger of configurations, and their gradients (paper §3).
 
 With levels x_m = k₁ w_m Σ_l φ_l(p_m) the danger is their maximum, their mean, or (1/β) log Σ_m exp(β x_m). Points are
-columns (3, M), so that runs of a coordinate lie side by side. With `by_length` a link weighs in proportion to its
-length ℓ. What is done for many points or configurations at once is in `lanes.pyx`.
+columns (3, M), so that each coordinate is contiguous in memory. With `by_length` the weight of a link is its length ℓ.
+Batched (SIMD) evaluation is in `lanes.pyx`.
 """
 
 from cpython.pycapsule cimport PyCapsule_GetPointer
@@ -26,7 +26,7 @@ _build = "lanes_v3" if __cpu_features__.get("AVX2") and __cpu_features__.get("FM
 try:
     _chosen = import_module(f"safe_ompl.danger.{_build}")
 except ImportError:
-    # Only processors of the x86 family have two builds.
+    # Only x86 processors have two builds.
     _chosen = import_module("safe_ompl.danger.lanes")
 lanes_module = _chosen.__name__
 cdef const LaneFunctions *lanes = <const LaneFunctions *> PyCapsule_GetPointer(
@@ -35,9 +35,9 @@ cdef const LaneFunctions *lanes = <const LaneFunctions *> PyCapsule_GetPointer(
 
 cdef enum:
     _MAXIMUM, _MEAN, _SOFTMAX
-    # Panels of the mean danger on an edge are halved so often at most.
+    # Panels of the mean danger on an edge are halved at most this many times.
     HALVINGS = 6
-    # Panels with which the mean may begin; more would take more memory than a machine has.
+    # Largest initial number of panels. More would exceed the memory of a machine.
     MOST_PANELS = 1_000_000
 
 
@@ -49,9 +49,9 @@ cdef class SkeletonTable:
     keys : KeyPointTable
         The key points of the links, on the robot's joints.
     links : ndarray of intp, shape (L, 2)
-        Which key points links lead from and to.
+        Indices of the key points at both ends of each link.
     by_length : bool
-        Whether a link weighs in proportion to its length.
+        Whether the weight of a link is its length.
     """
 
     def __init__(self, KeyPointTable keys not None, links, bint by_length):
@@ -97,7 +97,7 @@ cdef class DangerPointTable:
         return DangerPointTable, (self.columns, self.charges)
 
     def some(self, chosen):
-        """Return those that are chosen (M,)."""
+        """Return the table of the points with `chosen: (M,)`."""
         rows = np.flatnonzero(chosen)
         return DangerPointTable(np.ascontiguousarray(self.columns.take(rows, axis=1)), self.charges[rows])
 
@@ -110,11 +110,11 @@ cdef class PointDanger:
     skeleton : SkeletonTable
         The robot's links.
     points : DangerPointTable
-        The points; without points danger is zero.
+        The points. Without points the danger is zero.
     kind : int
         `MAXIMUM`, `MEAN` or `SOFTMAX` of the levels.
     sharpness : float
-        β of the latter.
+        β of the softmax.
     """
 
     def __init__(self, SkeletonTable skeleton not None, DangerPointTable points not None, int kind, double sharpness):
@@ -126,11 +126,14 @@ cdef class PointDanger:
         return PointDanger, (self.skeleton, self.points, self.kind, self.sharpness)
 
     def values(self, const double[:, ::1] values):
-        """Return the danger (B,) at `values: (B, m)` of the joints."""
+        """Return the danger (B,) at joint values `values: (B, m)`."""
         return self._dangers(values, None)
 
     def values_and_gradients(self, const double[:, ::1] values):
-        """Return the danger (B,) and its gradients (B, m) at `values: (B, m)`; points on a link have none."""
+        """Return the danger (B,) and its gradients (B, m) at `values: (B, m)`.
+
+        Gradients are zero for points on a link.
+        """
         gradients = np.zeros((values.shape[0], values.shape[1]))
         return self._dangers(values, gradients), gradients
 
@@ -146,7 +149,7 @@ cdef class PointDanger:
         return found
 
     cdef int write(self, const double *values, Py_ssize_t B, double *gradients, double *out) except -1 nogil:
-        """Write the danger (B,) at values (B, m) of the joints, and its gradients (B, m) unless these are NULL."""
+        """Write the danger (B,) at joint values (B, m), and its gradients (B, m) unless `gradients` is NULL."""
         cdef Py_ssize_t M = self.points.data.M, m = self.skeleton.data.m
         if M == 0:
             memset(out, 0, B * sizeof(double))
@@ -165,7 +168,7 @@ cdef class PointDanger:
         return 0
 
     def _write_sums(self, values, out, gradients):
-        """Write what `write` does of a mean or a soft maximum, to which all points contribute."""
+        """Write the results of `write` for a mean or a softmax, to which all points contribute."""
         skeleton, places = self.skeleton, self.skeleton.keys.places(values)
         levels = link_fields(places, skeleton.links, self.points.columns, skeleton.data.by_length, True)[:, 0]
         levels = np.ascontiguousarray(levels * self.points.charges)
@@ -189,9 +192,9 @@ cdef class PointDanger:
             raise MemoryError
 
     def high(self, const double[:, ::1] values, double share, double least=0.0):
-        """Return the levels (M,) of points that are a share of the highest one at one of `values: (B, m)`, else 0.
+        """Return the levels (M,) of points that reach a share of the maximum at one of `values: (B, m)`, else 0.
 
-        Those count that are `least` at least. Only for the `MAXIMUM`.
+        Levels below `least` count as 0. Only for the `MAXIMUM`.
         """
         cdef Py_ssize_t B = values.shape[0], M = self.points.data.M, failed
         found, highest = np.zeros(M), np.empty(B)
@@ -211,7 +214,7 @@ cdef class PointDanger:
         return found
 
     def high_levels(self, values, double least):
-        """Return the levels (C,) of points that are at least `least` at `values: (1, m)`, and gradients (C, m)."""
+        """Return the levels (C,) ≥ `least` of points at `values: (1, m)`, and their gradients (C, m)."""
         if len(values) != 1:
             raise InputError(f"levels are of one configuration, got {len(values)}")
         high = self.high(values, 0.0, least)
@@ -223,11 +226,11 @@ cdef class PointDanger:
         return high[rows], gradients
 
     def mean(self, const double[:, ::1] ends, Py_ssize_t panels, double tolerance):
-        """Return the mean danger on the straight way between two `ends: (2, m)` of the joints, and at how many places.
+        """Return the mean danger on the straight motion between `ends: (2, m)`, and the number of evaluations.
 
-        By Simpson's rule. Of a panel, at first one of `panels`, the trapezoidal rule with the same three values differs
-        by |f₀ − 2f₁ + f₂|/12 from it. The panel is halved where that is more than the relative tolerance times the
-        mean.
+        The mean is computed by Simpson's rule, at first on `panels` panels. On a panel, the trapezoidal rule with the
+        same three values differs by |f₀ − 2f₁ + f₂|/12 from Simpson's rule. The panel is halved if this difference
+        exceeds the relative tolerance times the mean.
         """
         cdef double mean = 0.0, total = 0.0, begin, length, f0, f1, f2
         cdef Py_ssize_t evaluations, k, half
@@ -235,7 +238,7 @@ cdef class PointDanger:
             raise InputError(f"two ends and 1 to {MOST_PANELS} panels are needed, got {ends.shape[0]} and {panels}")
         evaluations = 2 * panels + 1
         cdef double[::1] found = self._between(ends, np.arange(2 * panels + 1) / (2 * panels))
-        # Panels: where they begin, how long they are, and three values.
+        # A panel is its beginning, its length, and the three values.
         rest = []
         for k in range(panels):
             f0, f1, f2 = found[2 * k], found[2 * k + 1], found[2 * k + 2]
@@ -261,7 +264,7 @@ cdef class PointDanger:
         return total, evaluations
 
     def _between(self, const double[:, ::1] ends, const double[::1] at):
-        """Return the danger (B,) at shares (B,) of the way between two `ends: (2, m)`."""
+        """Return the danger (B,) at fractions (B,) of the line between two `ends: (2, m)`."""
         cdef Py_ssize_t b, i
         places = np.empty((at.shape[0], ends.shape[1]))
         cdef double[:, ::1] place = places
@@ -277,7 +280,7 @@ def link_fields(
 ):
     """Return the field of each link (B, L, M) at points (3, M), or their sum (B, 1, M), which is CDF(p).
 
-    Key points are at `places: (B, K, 3)`, and links (L, 2) are pairs of these.
+    `places: (B, K, 3)` are the key points, and links (L, 2) are pairs of their indices.
     """
     cdef Skeleton skeleton = skeleton_of(links, places, by_length)
     cdef Py_ssize_t B = places.shape[0], M = columns.shape[1], rows = 1 if summed else skeleton.L, b
@@ -298,7 +301,7 @@ def link_fields(
 
 
 def link_distances(const double[:, :, ::1] places, const Py_ssize_t[:, ::1] links, const double[:, ::1] columns):
-    """Return the distance [m] of each point (3, M) from each link (B, L, M); key points are at `places: (B, K, 3)`."""
+    """Return the distance [m] of each point (3, M) from each link (B, L, M) between key points `places: (B, K, 3)`."""
     cdef Py_ssize_t B = places.shape[0], L = links.shape[0], M = columns.shape[1], b, k, m, x
     cdef double w[3]
     cdef double squared, ux, uy, uz, t
@@ -364,7 +367,7 @@ cdef double _length(const double *a, const double *b) noexcept nogil:
 
 
 cdef Skeleton skeleton_of(const Py_ssize_t[:, ::1] links, const double[:, :, ::1] places, bint by_length) except *:
-    """Return links (L, 2) between key points at `places: (B, K, 3)` as a skeleton without joints."""
+    """Return a skeleton without joints of links (L, 2) between key points at `places: (B, K, 3)`."""
     cdef Py_ssize_t L = links.shape[0], K = places.shape[1], k
     if links.shape[1] != 2:
         raise InputError(f"links must be pairs of key points, got {links.shape[1]} of them")
@@ -392,17 +395,17 @@ def chords(
     """Return the ends (2, M) of straight lines that lie above Σ_l length_l·u_l(t) throughout an interval.
 
     `first` and `last` are fields and distances (2, L, M) at the interval's ends. Segments l whose points move smoothly
-    for a time h, none faster than V (L,) or with more acceleration than A (L,), have the unit-weighted fields
-    u = ∫₀¹ dτ/ρ_τ at a point p. They are multiplied by 1, or at least by their lengths (L,). Of two bounds of each u
-    the lower one is taken. Seen from the nearer end no point moves farther than δ = Vh/2, so u ≤ U = max u·D/(D − δ)
-    over both ends (`segment_bounds`): a level line. And along a curve 1/ρ has the second derivative
-    vᵀ∇²(1/ρ)v + ∇(1/ρ)·a ≥ −v²/ρ³ − a/ρ², for ∇²(1/ρ) has the eigenvalues 2/ρ³ and −1/ρ³. As ρ never falls below
-    D̲ = (D₁ + D₂ − Vh)/2, u'' ≥ −U(V²/D̲² + A/D̲), and u stays below the chord from u₁ to u₂ raised by
+    for a time h, with speed at most V (L,) and acceleration at most A (L,), have the unit-weighted fields u = ∫₀¹
+    dτ/ρ_τ at a point p. The factors `lengths` (L,) are 1, or upper bounds of the lengths. For each u the lower of two
+    bounds is taken. From the nearer end no point moves farther than δ = Vh/2, so u ≤ U = max u·D/(D − δ) over both ends
+    (`segment_bounds`), which is a constant. Along a curve 1/ρ has the second derivative vᵀ∇²(1/ρ)v + ∇(1/ρ)·a ≥ −v²/ρ³
+    − a/ρ², because ∇²(1/ρ) has the eigenvalues 2/ρ³ and −1/ρ³. As ρ never falls below D̲ = (D₁ + D₂ − Vh)/2, u'' ≥
+    −U(V²/D̲² + A/D̲), and u stays below the chord from u₁ to u₂ raised by
 
         U (V²/D̲² + A/D̲) h²/8.
 
-    The first bound is linear in h, the second quadratic: near a smooth peak it needs a fifth of the intervals. The
-    lines are infinite where a segment may reach the point.
+    The first bound is linear in h, the second quadratic: near a smooth peak the second bound needs a fifth of the
+    intervals. The lines are infinite where a segment may reach the point.
     """
     cdef Py_ssize_t L = first.shape[1], M = first.shape[2], k, m
     cdef double half, u1, u2, d1, d2, left, right, level, nearest, rise, ratio
@@ -433,7 +436,7 @@ def chords(
 
 
 def aggregates(const double[:, ::1] levels, int kind, double sharpness):
-    """Return the danger (B,) of levels (B, M ≥ 1)."""
+    """Return the danger (B,) for levels (B, M ≥ 1)."""
     cdef Py_ssize_t B = levels.shape[0], M = levels.shape[1], b, m
     cdef double peak, total
     found = np.zeros(B)
@@ -456,7 +459,7 @@ def aggregates(const double[:, ::1] levels, int kind, double sharpness):
 
 
 def shares(const double[:, ::1] levels, int kind, double sharpness):
-    """Return the derivatives (B, M) of the danger by levels (B, M ≥ 1)."""
+    """Return the derivatives (B, M) of the danger with respect to levels (B, M ≥ 1)."""
     cdef Py_ssize_t B = levels.shape[0], M = levels.shape[1], b, m, best
     cdef double peak, total
     found = np.zeros((B, M))
@@ -481,7 +484,7 @@ def shares(const double[:, ::1] levels, int kind, double sharpness):
 
 
 cdef Py_ssize_t _highest(const double[:, ::1] levels, Py_ssize_t b) noexcept nogil:
-    """Return where the largest of the levels (M ≥ 1,) in a row is, or the first that is no number."""
+    """Return the index of the largest of the levels (M ≥ 1,) in a row, or of the first NaN."""
     cdef Py_ssize_t best = 0, m
     for m in range(levels.shape[1]):
         if levels[b, m] != levels[b, m]:

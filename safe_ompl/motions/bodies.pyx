@@ -1,4 +1,4 @@
-"""Bounds of how fast a robot's bodies are along cells of a curve, and of how near people are to them."""
+"""Bounds of the speeds of a robot's bodies along cells of a curve, and of the distances of people from the bodies."""
 
 from libc.math cimport INFINITY, sqrt
 from libc.stdlib cimport free
@@ -13,24 +13,24 @@ import numpy as np
 from safe_ompl.common import InputError
 from safe_ompl.geometry import DISTANCE_ERROR
 
-# What rounding may take from a distance that is asked for [m].
+# Bound of the rounding error of a requested distance [m].
 cdef double DISTANCE_ROUNDING = 1e-9
 cdef double COAL_ERROR = DISTANCE_ERROR
 
 
 cdef class BodyCorners:
-    """Corners of boxes about G bodies, which joints carry.
+    """Corners of the boxes around G bodies, which joints carry.
 
     Parameters
     ----------
     joints : JointTable
         The m joints of Pinocchio's model.
     carriers : ndarray of intp, shape (G,)
-        Pinocchio's number of the joint that carries each body; 0: the base.
+        Pinocchio's index of the joint that carries each body; 0: the base.
     corners : ndarray, shape (G, 8, 3)
         The corners in the frame of that joint [m].
     pads : ndarray, shape (G,)
-        By what the boxes are to be widened on all sides [m].
+        Padding of the boxes on all sides [m].
     """
 
     cdef readonly JointTable joints
@@ -51,7 +51,7 @@ cdef class BodyCorners:
         return BodyCorners, self._given
 
     def speeds(self, const double[:, ::1] values, const double[:, ::1] rates):
-        """Return how fast the points (B, G) of boxes are at most, at `values` and `rates` (B, m) of the joints."""
+        """Return speed bounds (B, G) of the points of the boxes at joint `values` and `rates` (B, m)."""
         cdef Py_ssize_t B = values.shape[0], m = self.joints.m, G = self.carriers.shape[0], b, g, k, joint
         cdef double most, x, y, z, u, v, w
         cdef const double *p
@@ -96,8 +96,8 @@ def acceleration_bounds(
 ):
     """Return bounds (N, G) of ‖x″‖ of every point of G bodies along a curve, by arc length; see `BodySpeeds`.
 
-    R̄ of the m joints of the model are `radii: (G, m)`, `turned` says which of them turn each body; `dq_ds` and
-    `d2q_ds2`, (N, m), are bounds of their |q′| and |q″|.
+    `radii: (G, m)` are R̄ of the m joints of the model. `turned` tells which of the joints are revolute and move each
+    body. `dq_ds` and `d2q_ds2`, (N, m), are bounds of the joints' |q′| and |q″|.
     """
     cdef const unsigned char[:, ::1] turns = np.ascontiguousarray(turned, dtype=np.bool_).view(np.uint8)
     cdef Py_ssize_t N = dq_ds.shape[0], m = dq_ds.shape[1], G = radii.shape[0], k, g, j
@@ -121,7 +121,7 @@ def acceleration_bounds(
 
 
 cdef class ClosingGaps:
-    """The P gaps between bodies of a robot, and between these and what stands still, in which limbs may be clamped.
+    """The P gaps, between two bodies of a robot or a body and a fixed obstacle, in which limbs may be clamped.
 
     Parameters
     ----------
@@ -132,13 +132,13 @@ cdef class ClosingGaps:
     pairs : ndarray of intp, shape (P, 2)
         The bodies of each gap.
     sides : ndarray of intp, shape (P, 2)
-        The same among the bodies that move, the first of which does; G: it stands still.
+        The bodies of each gap as indices among the moving bodies, where G means a fixed body. The first body moves.
     radii : ndarray, shape (P, m)
-        By what each joint closes the gap at most [m/rad]; 1 for joints that slide.
+        Bound of the closing of the gap by each joint [m/rad]; 1 for prismatic joints.
     widths : ndarray, shape (K,)
         Widths of limbs [m].
     harmless : ndarray, shape (K,)
-        The share of a body's speed at which gaps may close that clamp a limb no worse than the body hits it.
+        Largest closing speed, as a share of the body's speed, at which clamping a limb is no worse than contact.
     """
 
     cdef readonly JointTable joints
@@ -170,12 +170,12 @@ cdef class ClosingGaps:
         self, const double[:, ::1] values, const double[::1] sizes, const double[:, ::1] dq_ds,
         const double[:, ::1] bodies,
     ):
-        """Return how fast gaps of each body close in which limbs of each width may fit, by arc length (N, G, K).
+        """Return the largest closing speeds (N, G, K) of the gaps of each body in which a limb may fit, by width.
 
-        In [m/rad]. Gaps that close at a harmless rate do not count. Distances are asked only of those that close faster
-        than another of the body in which the limb fits. The `values: (N, m)` of the joints are those in the middle of
-        cells of these sizes (N,); `dq_ds: (N, m)` are bounds of their |q′|, and `bodies: (N, G + 1)` of the speeds of
-        the bodies that move, with a column of 0 last.
+        Speeds are by arc length [m/rad]. Gaps that close at a harmless speed do not count. Distances are computed only
+        for gaps that close faster than another gap of the body in which the limb fits. `values: (N, m)` are the joint
+        values at the centres of cells with `sizes` (N,). `dq_ds: (N, m)` are bounds of |q′|, and `bodies: (N, G + 1)`
+        of the speeds of the moving bodies, with a last column of 0.
         """
         cdef Py_ssize_t N = values.shape[0], m = self.joints.m, G = bodies.shape[1] - 1, K = self.widths.shape[0]
         cdef Py_ssize_t P = self.pairs.shape[0], row, p, g, i, k, a, b, x
@@ -225,7 +225,7 @@ cdef class ClosingGaps:
 
 
 cdef class LimbArrivals:
-    """B bodies of a robot that move, and M limbs of people, which arrive at them.
+    """B moving bodies of a robot, and M limbs of people that may reach the bodies.
 
     Parameters
     ----------
@@ -234,13 +234,13 @@ cdef class LimbArrivals:
     shapes : ShapeTable
         The bodies of the robot and the limbs.
     bodies, limbs : ndarray of intp, shapes (B,) and (M,)
-        Which of the shapes they are.
+        Indices of bodies and limbs among the shapes.
     speeds : ndarray, shape (M,)
-        How fast the limbs are at most [m/s].
+        Largest speeds of the limbs [m/s].
     clearance : float
-        How near a limb may come [m].
+        Required distance of limbs from bodies [m].
     reaction : float
-        How long the robot needs before it brakes [s].
+        Time until the robot brakes [s].
     """
 
     cdef readonly JointTable joints
@@ -268,11 +268,12 @@ cdef class LimbArrivals:
         return LimbArrivals, self._given
 
     def along(self, const double[:, ::1] values, const double[:, ::1] half, double soon, double short):
-        """Return distances and arrival times (N, M) of limbs, and the body (N, M) that each comes to first.
+        """Return distances and arrival times (N, M) of limbs, and the body (N, M) that each limb reaches first.
 
-        The joints have `values: (N, m)` in the middle of cells; bodies get by `half: (N, B)` [m] from there. Limbs at
-        rest that are far enough arrive never. A time is exact to what bodies move in a cell if it is less than `soon`,
-        and the least of its cell or less than `short` [s]; else no limb that matters is earlier.
+        `values: (N, m)` are joint values at the centres of cells, and bodies move by at most `half: (N, B)` [m] from
+        there. Limbs at rest that are far enough away never arrive. A time is tight, up to the motion of bodies in a
+        cell, if it is less than `soon` [s], and either the least of its cell or less than `short` [s]. Other times only
+        show that the limb does not arrive earlier than the limbs that matter.
         """
         cdef Py_ssize_t N = values.shape[0], m = self.joints.m, B = self.bodies.shape[0], M = self.limbs.shape[0]
         cdef Py_ssize_t row, turn, look, leader, earliest = 0, limb, before, g, a, c, k
@@ -290,7 +291,7 @@ cdef class LimbArrivals:
         cdef double[:, ::1] distances = gaps
         cdef double[:, ::1] times = arrivals
         cdef Py_ssize_t[:, ::1] nearest = closest
-        # The last separating axis of each body and limb; zeros: there is none yet.
+        # The last separating axis of each body and limb; zeros if there is none yet.
         cdef double[:, :, ::1] axes = np.zeros((B, M, 3))
         cdef double[::1] memory = np.empty(15 * m + 1)
         cdef double *rotation = &memory[0]
@@ -303,7 +304,8 @@ cdef class LimbArrivals:
                 place_moving(placed.body, self.shapes.count, placed.pose, rotation, rotation + 9 * m)
                 first, leader = INFINITY, earliest
                 for turn in range(M):
-                    # The limb that was first in the cell before comes first, so that coarser bounds do for the others.
+                    # The limb that arrived first in the previous cell is processed first, so that coarser bounds
+                    # suffice for the others.
                     limb = leader if turn == 0 else (turn - 1 if turn <= leader else turn)
                     before = nearest[max(row - 1, 0), limb]
                     for look in range(B):
@@ -339,7 +341,7 @@ cdef class LimbArrivals:
         return gaps, arrivals, closest
 
     cdef double _arrival(self, Py_ssize_t m, double distance) noexcept nogil:
-        """Return when limb m may be at a body so far away; infinite at rest, −∞ if it is too near already."""
+        """Return the arrival time of limb m from a distance; infinite at rest, −∞ if the limb is already too near."""
         cdef double room = distance - self.clearance, speed = self.speeds[m]
         return (room / speed if speed > 0.0 else INFINITY if room > 0.0 else -INFINITY) - self.reaction
 
@@ -350,7 +352,7 @@ cdef class LimbArrivals:
 
 
 cdef int _check_carried(JointTable joints, ShapeTable shapes) except -1:
-    """Raise InputError unless all bodies are carried by joints that there are."""
+    """Raise InputError unless joints exist for all bodies."""
     cdef Py_ssize_t g
     for g in range(shapes.count):
         if shapes.data.body[g].joint > joints.m:
@@ -359,7 +361,7 @@ cdef int _check_carried(JointTable joints, ShapeTable shapes) except -1:
 
 
 cdef int _check_range(str name, const Py_ssize_t[::1] numbers, Py_ssize_t low, Py_ssize_t beyond) except -1:
-    """Raise InputError unless numbers are at least `low`, and below another one."""
+    """Raise InputError unless all numbers are in the range from `low` to below `beyond`."""
     cdef Py_ssize_t k
     for k in range(numbers.shape[0]):
         if not low <= numbers[k] < beyond:
