@@ -1,4 +1,4 @@
-"""Shared by all packages: array types, checks of input, errors, documents, and models that threads share."""
+"""Code that all packages use: array types, validation of input, errors, documents, files and worker processes."""
 
 import lazy_loader
 

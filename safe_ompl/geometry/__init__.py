@@ -1,4 +1,4 @@
-"""Geometry: poses, shapes, point clouds, hulls, and bounds of convex distances."""
+"""Geometry: poses, shapes, obstacles, point clouds, convex hulls, and bounds of distances between convex bodies."""
 
 import lazy_loader
 

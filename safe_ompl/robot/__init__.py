@@ -1,4 +1,4 @@
-"""Robots on Pinocchio: loading, kinematics, inverse kinematics, and how far bodies can move."""
+"""Robots based on Pinocchio: loading, forward and inverse kinematics, and motion bounds."""
 
 import lazy_loader
 

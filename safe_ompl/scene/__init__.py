@@ -1,4 +1,4 @@
-"""Scenes and scenarios: obstacles, people, constraints, start and goal."""
+"""Scenes and scenarios: obstacles, people, constraints, start, goal and programs."""
 
 import lazy_loader
 

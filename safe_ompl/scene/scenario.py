@@ -33,8 +33,8 @@ class Goal(Section):
     position: tuple[float, ...] | None = key(document.numbers, default=None, count=3)
     quaternion_xyzw: tuple[float, ...] | None = key(document.numbers, default=None, count=4)
     # Tolerated distance from the pose or region [m]; default: 0.01 for a pose, 0.001 for a region.
-    tolerance: Any = key(document.number, default=None, above=0.0)  # becomes a float
-    region: GoalRegion | None = key(document.section, default=None, kind=GoalRegion)  # instead of a position
+    tolerance: Any = key(document.number, default=None, above=0.0)  # float after `check`
+    region: GoalRegion | None = key(document.section, default=None, kind=GoalRegion)  # instead of `position`
 
     def check(self) -> None:
         """Raise InputError if there is no goal, or several contradict each other."""
