@@ -1,4 +1,4 @@
-"""`safe-ompl new` and `safe-ompl srdf`: a first scenario, and the SRDF that is missing, for a robot of one's own."""
+"""Commands `new` (write a first scenario for a URDF) and `srdf` (write an SRDF with the pairs to leave unchecked)."""
 
 from __future__ import annotations
 
@@ -98,13 +98,13 @@ def add_commands(commands: Any) -> None:
 
 
 def _prepare_srdf(options: argparse.Namespace) -> Callable[[], int]:
-    """Read the URDF, and return the job."""
+    """Read the URDF and return a function that writes the SRDF."""
     urdf = UrdfFile(options.urdf, options.package_dir, arguments.xacro_args(options))
     return partial(_write_srdf, urdf, options.output, options.collision or "required")
 
 
 def _prepare_new(options: argparse.Namespace) -> Callable[[], int]:
-    """Read the robot, choose its arm, and return the job."""
+    """Read the robot, choose its arm, and return a function that runs the command."""
     document.file("URDF", options.urdf, (".urdf", ".xml", ".xacro"))
     keys = ("urdf", "srdf", "tip", "group", "collision", "joint_limits")
     chosen: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
@@ -122,14 +122,14 @@ def _prepare_new(options: argparse.Namespace) -> Callable[[], int]:
 
 
 def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
-    """Return the robot with the joints of one arm free and all others locked, and what that says of it.
+    """Return the specification and the robot with the joints of one arm free and all other joints locked.
 
-    What the spec leaves open is chosen: group and tip as the SRDF has them, or else the arm that the joints tell.
+    If the specification does not name group and tip, they are taken from the SRDF, or else from the joints of the URDF.
     """
     assert given.urdf is not None
     urdf = given.urdf_file()
     full = urdf.build_model()
-    # A joint that mimics one which does not exist is held as any other.
+    # A joint that mimics a missing joint is treated like any other joint.
     mimics = {name: mimic for name, mimic in urdf.mimics().items() if full.existJointName(mimic.primary)}
     srdf = given.srdf_file()
     if srdf is None and given.group:
@@ -147,7 +147,7 @@ def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
 def _arm(
     full: pin.Model, mimics: Mapping[str, Mimic], srdf: SrdfFile | None, given: RobotSpec
 ) -> tuple[str | None, str | None, set[str]]:
-    """Return group and tip of the arm, where these are known, and the joints of it that can be planned for."""
+    """Return group and tip of the arm, each None if unknown, and the joints of the arm that can be planned for."""
     group, tip, fingers = given.group, given.tip, finger_joints(full)
     if tip is not None and not full.existFrame(tip):
         raise UnknownNameError("tip frame", tip, (frame.name for frame in list(full.frames)[1:]), "--tip")
@@ -168,14 +168,14 @@ def _arm(
 
 @dataclass(frozen=True)
 class New:
-    """The job of `safe-ompl new`."""
+    """The function that runs `safe-ompl new` after its options were validated."""
 
     spec: RobotSpec
     robot: Robot
     file: Path
 
     def __call__(self) -> int:
-        """Find a start and a goal, write the scenario, and say what to do with it."""
+        """Find a start and a goal, write the scenario, and print the next commands."""
         samples = np.round(self._sampled(), 2)
         person, reach = self._person(samples)
         left, right = self._ends(CollisionChecker(self.robot, Scene((person,))), samples, person)
@@ -196,7 +196,7 @@ class New:
         return 0
 
     def _say_what_next(self, planned: str, options: str, shown: str) -> None:
-        """Say how to go on: with which options of `plan`, and which file `view` shows; STEM is that of the scenario."""
+        """Print the next commands: `plan` with `options`, and `view` of `shown`, where STEM stands for the scenario."""
         file, stem = (shlex.quote(str(name)) for name in (self.file, self.file.with_suffix("")))
         _say(f"look at it, plan, check the proof, and look at {planned}:")
         _say(f"    safe-ompl view {file}")
@@ -205,7 +205,7 @@ class New:
         _say(f"    safe-ompl view {shown.replace('STEM', stem)} --html {stem}.html")
 
     def pick_and_place(self, gripper: CubeGripper) -> int:
-        """Find a program that can be planned, write the scenario, and say what to do with it."""
+        """Find a program that can be planned, write the scenario, and print the next commands."""
         person, reach = self._person(np.round(self._sampled(), 2))
         spec = replace(self.spec, locked={**(self.spec.locked or {}), **gripper.open})
         there = {"position": list(person.pose.position), "yaw": round(_yaw(person), 5)}
@@ -221,7 +221,7 @@ class New:
         return 0
 
     def _person(self, samples: FloatArray) -> tuple[Obstacle, float]:
-        """Return a person who stands just beyond the reach of the arm, and how far it reaches [m]."""
+        """Return a person who stands just beyond the reach of the arm, and the reach [m]."""
         points = self.robot.keypoints_batch(samples).reshape(-1, 3)
         base = self._shoulder
         reach = float(np.linalg.norm(points[:, :2] - base[:2], axis=1).max())
@@ -241,12 +241,12 @@ class New:
         return np.asarray(points[self.robot.segments[:, 0].min(initial=len(points) - 1)])
 
     def _azimuths(self, samples: FloatArray, way: float = 0.0) -> FloatArray:
-        """Return for configurations (B, n) how far left of a direction the tip is, from the shoulder [rad]."""
+        """Return the azimuths (B,) [rad] of the tip, seen from the shoulder, relative to the azimuth `way`."""
         x, y = (self.robot.keypoints_batch(samples)[:, -1] - self._shoulder)[:, :2].T
         return np.asarray((np.arctan2(y, x) - way + np.pi) % (2 * np.pi) - np.pi)
 
     def _ends(self, checker: CollisionChecker, samples: FloatArray, person: Obstacle) -> tuple[FloatArray, FloatArray]:
-        """Return free configurations (K, n) with tips on either side of the person, some with room around them."""
+        """Return free configurations (K, n) with the tip left and right of the person, if possible with clearance."""
         to_person = np.array(person.pose.position)[:2] - self._shoulder[:2]
         sides = self._azimuths(samples, float(np.arctan2(to_person[1], to_person[0])))
         order = np.argsort(np.abs(np.abs(sides) - np.pi / 3))  # 60° to either side
@@ -277,11 +277,12 @@ class New:
     def _connected(
         self, person: Obstacle, left: FloatArray, right: FloatArray
     ) -> tuple[Obstacle, FloatArray, FloatArray, bool]:
-        """Return a person who is passed closely, start, goal, and whether there is a path between them.
+        """Return the moved person, start, goal, and whether a path between start and goal was found.
 
-        The person comes as near as the straight path allows. Of some pairs, near ones first, the first one counts whose
-        path is clearly safer than the straight one; else that whose path is safest beside the straight one. Where no
-        path is found, the person stays, and start and goal are the nearest pair.
+        For each pair of configurations, near pairs first, the person is moved as near as the straight path allows. The
+        first pair is chosen whose planned path is clearly safer than the straight path; otherwise the pair whose path
+        is safest relative to the straight path. If no path is found, the person is not moved, and start and goal are
+        the nearest pair.
         """
         distances = np.linalg.norm(left[:, None] - right[None], axis=2)
         pairs = [np.unravel_index(k, distances.shape) for k in np.argsort(distances, axis=None)]
@@ -307,9 +308,10 @@ class New:
         return found or (person, left[i], right[k], False)
 
     def _passed(self, person: Obstacle, straight: FloatArray) -> Obstacle:
-        """Return the person as near to the shoulder as a straight path, (S, n), passes them without a touch.
+        """Move the person towards the shoulder, as far as a straight path (S, n) still passes without contact.
 
-        Who moves by d is nearer by d at most: the person may come nearer by what the clearance has to spare.
+        A person who moves by d reduces the clearance by at most d. The step may therefore be as long as the clearance
+        exceeds the required one.
         """
         x, y, z = person.pose.position
         away = np.array([x, y]) - self._shoulder[:2]
@@ -361,7 +363,7 @@ def _say(line: str) -> None:
 
 
 def _touching(checker: CollisionChecker, samples: FloatArray) -> list[str]:
-    """Return the pairs of things that touch most often, with how often; three at most."""
+    """Return at most three pairs of bodies that collide most often, with the share of samples [%]."""
     looked = samples[:: len(samples) // 200]
     pairs = Counter(pair for q in looked if (pair := checker.colliding_pair(q)) is not None)
     return [f"{a} and {b} ({100 * n / len(looked):.0f} %)" for (a, b), n in pairs.most_common(3)]

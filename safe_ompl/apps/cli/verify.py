@@ -1,4 +1,4 @@
-"""`safe-ompl verify`: check the certificate of a path again, by other means than it was made."""
+"""Command `verify`: check a certificate with methods that differ from those that made it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-# `plan` and `check` import this module for what certificates say, and need the packages only if one is written.
+# `plan` and `check` import this module, and need these packages only if they write a certificate. The packages load
+# their modules on first attribute access.
 import safe_ompl.certificates as certificates
 import safe_ompl.io as io
 import safe_ompl.motions as motions
@@ -45,7 +46,7 @@ def add_commands(commands: Any) -> None:
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
-    """Read the certificate and the scenario, and return the job."""
+    """Read the certificate and the scenario, and return a function that verifies the certificate."""
     content = _read_certificate(options.file)
     if options.scenario is None:
         carried = partial(certificates.verify, content, package_dirs=tuple(options.package_dir), time=options.time)
@@ -63,7 +64,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 
 
 def _verify(file: str, check: Callable[[], certificates.Verified], source: str) -> int:
-    """Check a certificate, and print what holds and what is not claimed, or what fails."""
+    """Check a certificate. Print the verified claims and the claims that are missing, or the failure."""
     try:
         with document.within(file, ": "):
             found = check()
@@ -102,7 +103,7 @@ def _read_certificate(file: str) -> Mapping[str, Any]:
 def certificate_of(
     result: PlanResult, setup: SafeSetup, scenario: Scenario, file: str, trajectory: motions.Trajectory | None = None
 ) -> dict[str, Any]:
-    """Return the certificate of a solved plan, and of its trajectory, for `file`: names in it are relative to that."""
+    """Return the certificate of a solved plan and its trajectory. File names in it are relative to `file`."""
     assert result.path is not None
     constraints = setup.getConstraints()
     separation = constraints.separation
@@ -127,6 +128,6 @@ def certificate_of(
 
 
 def source_of(scenario: Scenario, file: str) -> dict[str, str]:
-    """Return what a certificate that goes to a file says of the scenario that it is about: its name from there."""
+    """Return the key `scenario` of a certificate: the path of the scenario relative to the certificate's folder."""
     assert scenario.file is not None
     return {"scenario": document.file_name(scenario.file.resolve(), Path(file).parent)}

@@ -1,4 +1,4 @@
-"""`safe-ompl view`: scenarios, results, trajectories or a certificate in the browser, as an HTML file, or animated."""
+"""Command `view`: show scenarios, results, trajectories or a certificate in the browser, as HTML or as animation."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def add_commands(commands: Any) -> None:
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
-    """Check what the options name, and return the job."""
+    """Validate the options and return a function that runs the command."""
     if options.animation is None:
         output.need_extra("viewer")
     recordings = [name for name in options.what if Path(name).suffix.lower() in TICK_READERS]
@@ -97,7 +97,7 @@ TICK_READERS = {RECORDING_ENDING: read_ticks, ".mcap": _read_log}
 
 
 def _show(content: ViewerContent, options: argparse.Namespace) -> int:
-    """Write the files that the options name, or else serve the view until Ctrl-C."""
+    """Write the files that the options name. Without such an option, serve the view until Ctrl-C."""
     if options.animation is not None:
         with output.error_console().status("drawing"):
             save_animation(content, options.animation)
@@ -124,7 +124,7 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
         return ViewerContent.of_program(found)
     robot = scenario.build_robot()
     start = scenario.start_configuration(robot)
-    # A start in collision can be looked at, too.
+    # No setup is built here, so a start in collision can be shown, too.
     if options.planners == _NONE:
         return ViewerContent(robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name)
     setup = setup_scenario(scenario, robot)

@@ -1,4 +1,4 @@
-"""What others write: scenes and worlds of MoveIt and MuJoCo, and convex pieces of meshes."""
+"""Read scenes of MoveIt and models of MuJoCo, and prove convex decompositions of meshes."""
 
 import lazy_loader
 

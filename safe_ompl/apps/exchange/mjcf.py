@@ -1,4 +1,4 @@
-"""Models of MuJoCo (MJCF): what moves on joints is the robot, the rest its scene (needs the extra `mujoco`)."""
+"""Read MuJoCo models (MJCF) as a robot and a scene (needs the extra `mujoco`)."""
 
 from __future__ import annotations
 
@@ -36,11 +36,12 @@ _STRAIGHT, _X = np.eye(3), np.array([1.0, 0.0, 0.0])
 def world_from_mjcf(
     file: str | Path, *, meshes: str | Path | None = None, **options: Any
 ) -> tuple[Robot | None, Scene]:
-    """Read a model of MuJoCo.
+    """Read a MuJoCo model as a robot and a scene.
 
-    Bodies that joints move are the robot, its joint values are MuJoCo's. Geoms of others are obstacles, those of bodies
-    on a free joint where the model begins. What MuJoCo does not let collide (contype and conaffinity, excludes, parents
-    and children) is not checked here. Meshes are their convex hulls, as in MuJoCo; planes are boxes of 100 m.
+    Bodies that joints move become the robot, with MuJoCo's joint values. Geoms of all other bodies become obstacles;
+    bodies on a free joint are placed at their initial pose. Pairs that MuJoCo excludes from collision (contype and
+    conaffinity, excludes, parents and children) are excluded here, too. Meshes become their convex hulls, as in MuJoCo;
+    planes become boxes with edges of 100 m.
 
     Parameters
     ----------
@@ -54,15 +55,16 @@ def world_from_mjcf(
     Returns
     -------
     robot : Robot or None
-        None: nothing moves.
+        None if no joint moves a body.
     scene : Scene
         The obstacles.
 
     Raises
     ------
     InputError
-        For what cannot be represented (ball joints, joints below free ones, ellipsoids, height fields, equality
-        constraints other than of joints, links that may touch an obstacle with some geoms only); names file and key.
+        If the model cannot be represented (ball joints, joints below free joints, ellipsoids, height fields, equality
+        constraints other than of joints, links that may touch an obstacle with some geoms only). The message names file
+        and key.
     """
     try:
         import mujoco
@@ -77,7 +79,7 @@ def world_from_mjcf(
 
 
 class _World:
-    """A compiled model; `free` says of each body whether it flies, `moving` whether joints of the robot move it."""
+    """A compiled model. For each body, `free` says if it has a free joint, `moving` if joints of the robot move it."""
 
     def __init__(self, model: Any, mujoco: Any) -> None:
         self.m, self.mujoco = model, mujoco
@@ -128,7 +130,7 @@ class _World:
         return self.robot(on_robot, options) if any(self.moving) else None, Scene(obstacles)
 
     def collide(self, a: int, b: int) -> bool:
-        """Return whether MuJoCo looks for contacts of two geoms."""
+        """Return whether MuJoCo checks two geoms for contact."""
         m = self.m
         if frozenset((a, b)) in self.pairs:
             return True
@@ -142,7 +144,7 @@ class _World:
         return bool(m.geom_contype[a] & m.geom_conaffinity[b] or m.geom_contype[b] & m.geom_conaffinity[a])
 
     def shape(self, k: int) -> tuple[Shape | Triangles, pin.SE3]:
-        """Return a geom's shape, or vertices and faces of its mesh, and where it is in the geom's frame."""
+        """Return a geom's shape, or vertices and faces of its mesh, and the pose of the shape in the geom's frame."""
         m, here = self.m, pin.SE3.Identity()
         kind, (x, y, z) = int(m.geom_type[k]), (float(size) for size in m.geom_size[k])
         if kind == _BOX:
@@ -195,7 +197,10 @@ class _World:
         return Robot.from_models(model, bodies, mimics=mimics, **given)
 
     def joint(self, model: pin.Model, k: int, parent: int, place: pin.SE3) -> tuple[int, pin.SE3]:
-        """Add a joint on a body at a place in the parent's frame; return it, and where the body is in its frame."""
+        """Add a joint of a body whose pose in the parent's frame is `place`.
+
+        Returns the index of the joint and the pose of the body in the joint's frame.
+        """
         m, axis = self.m, np.array(self.m.jnt_axis[k])
         start = float(m.qpos0[m.jnt_qposadr[k]])
         ends = m.jnt_range[k] if m.jnt_limited[k] else (-np.inf, np.inf)
@@ -213,7 +218,7 @@ class _World:
         return model.addJoint(parent, kind, place * at, name, most, most, low, high), anchor.inverse()
 
     def equalities(self) -> tuple[dict[str, Mimic], dict[str, float]]:
-        """Return which joints follow which, and at which values joints stay."""
+        """Return the joints that mimic other joints, and the joints that are fixed, with their values."""
         m, mimics, fixed = self.m, dict[str, Mimic](), dict[str, float]()
         for k in range(m.neq):
             if not m.eq_active0[k]:

@@ -1,6 +1,6 @@
-"""Planning scenes of MoveIt, with the maps of OctoMap in them.
+"""Read planning scenes of MoveIt, including OctoMap maps.
 
-What cannot be represented is refused, in one line that names file, key and value. Meshes are their convex hulls.
+Content that cannot be represented raises an InputError that names file, key and value. Meshes become convex hulls.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Placed = list[tuple[Shape, pin.SE3]]
 
 @contextmanager
 def document_of(file: str | Path) -> Iterator[dict[str, Any]]:
-    """Yield the mapping that a JSON or YAML file holds; errors name the file, whatever a broken one brings about."""
+    """Yield the mapping in a JSON or YAML file. All errors that a broken file causes become errors naming the file."""
     path = Path(file)
     reading: AbstractContextManager[Any] = files.reading_json(path) if path.suffix == ".json" else files.reading(path)
     with reading as data:
@@ -52,7 +52,7 @@ def document_of(file: str | Path) -> Iterator[dict[str, Any]]:
 
 @contextmanager
 def _planning_scene(file: str | Path, topic: str | None) -> Iterator[dict[str, Any]]:
-    """Yield the message of a document, or the last one of a recording; errors name the file."""
+    """Yield the message in a document, or the last message in a recording. Errors name the file."""
     if not (Path(file).is_dir() or Path(file).suffix in (".mcap", ".db3", ".bag")):
         with document_of(file) as data:
             yield data
@@ -72,32 +72,31 @@ def scene_from_moveit(
 ) -> tuple[Scene, tuple[Attachment, ...]]:
     """Read a `moveit_msgs/PlanningScene`.
 
-    The scene is in the planning frame. Pairs of a link and an object that its matrix allows to touch become
-    `touched_by`; what it says of pairs of links is left to the robot's SRDF.
+    The scene is in the planning frame. Pairs of a link and an object that the allowed collision matrix allows to touch
+    become `touched_by`. Pairs of two links are ignored, because the robot's SRDF defines them.
 
     Parameters
     ----------
     file : path-like
-        The message as YAML or JSON; a recording of ROS 2 (.mcap, a folder, .db3), whose last one counts; or the
-        objects as RViz exports them (.scene).
+        The message as YAML or JSON; a recording of ROS 2 (.mcap, a folder, .db3), of which the last message is read;
+        or the objects as RViz exports them (.scene).
     meshes : path-like, optional
-        Folder to which meshes, which messages hold as points, and cones are written (.obj). Concave meshes become
-        their hulls.
+        The folder to which meshes and cones are written (.obj). Concave meshes become their hulls.
     topic : str, optional
-        Of a recording that has several.
+        The topic to read from a recording with several topics.
 
     Returns
     -------
     scene : Scene
         Objects of several shapes are several obstacles, called id/0, id/1, …
     attached : tuple of Attachment
-        What the robot holds, for ``attached=`` of `Robot.from_urdf`.
+        The objects that the robot holds, for ``attached=`` of `Robot.from_urdf`.
 
     Raises
     ------
     InputError
-        If the message is a difference, or holds what cannot be represented: prisms, planes, padding or scale of
-        links, frames that it does not place, full (not binary) octomaps; names file, key and value.
+        If the message is a difference, or cannot be represented: prisms, planes, padding or scale of links, frames
+        without a pose in the message, full (not binary) octomaps. The message names file, key and value.
     """
     if Path(file).suffix.lower() == ".scene":
         return Scene(read_scene_text(file, meshes)), ()
@@ -106,7 +105,7 @@ def scene_from_moveit(
 
 
 class _Moveit:
-    """A planning scene: its `frames` by name, in the planning frame, and which pairs its matrix allows."""
+    """A planning scene, with the poses of its `frames` in the planning frame and its allowed collision matrix."""
 
     def __init__(self, data: Mapping[str, Any], folder: Path | None) -> None:
         self.data, self.folder = data, folder
@@ -176,7 +175,7 @@ class _Moveit:
         return _leaves(bytes(value % 256 for value in tree["data"]), tree["resolution"], place)
 
     def allowed(self, names: Collection[str]) -> dict[str, set[str]]:
-        """Return for each object what may touch it."""
+        """Return, for each object, the links and objects that may touch it."""
         found: dict[str, set[str]] = {name: set() for name in names}
         matrix = document.mapping("allowed_collision_matrix", self.data.get("allowed_collision_matrix", {}))
         with document.within("allowed_collision_matrix"):
@@ -241,7 +240,7 @@ def _placed(key: str, value: Any) -> pin.SE3:
 
 
 def _pose(data: Mapping[str, Any], position: str = "position", orientation: str = "orientation") -> pin.SE3:
-    """Return a pose of ROS; a quaternion of zeros is no turn, as MoveIt takes it."""
+    """Convert a ROS pose. A quaternion of zeros becomes the identity rotation, as in MoveIt."""
     place, turn = document.mapping(position, data.get(position, {})), data.get(orientation, {})
     quaternion = [document.mapping(orientation, turn).get(name, 0.0) for name in "xyzw"]
     no_turn = all(value == 0 for value in quaternion)
@@ -249,9 +248,10 @@ def _pose(data: Mapping[str, Any], position: str = "position", orientation: str 
 
 
 def _leaves(data: bytes, resolution: Any, place: pin.SE3) -> list[Obstacle]:
-    """Return the occupied leaves of a binary tree, whose origin is at a place, as boxes.
+    """Return the occupied leaves of a binary octree as boxes; `place` is the pose of the tree's origin.
 
-    Each node has two bits for each child, x the fastest: 01 occupied, 10 free, 11 a node that follows, depth first.
+    A node has two bits for each child, with x varying fastest: 01 occupied, 10 free, 11 an inner node. The inner nodes
+    follow in depth-first order.
     """
     size = document.number("resolution", resolution, above=0.0)
     boxes: list[tuple[int, ...]] = []
@@ -286,7 +286,7 @@ def _leaves(data: bytes, resolution: Any, place: pin.SE3) -> list[Obstacle]:
 
 
 def _joined(boxes: list[tuple[int, ...]], axis: int) -> list[tuple[int, ...]]:
-    """Return boxes (low and high corners), those joined that follow each other along an axis and are as wide."""
+    """Join boxes (low and high corners) that are adjacent along an axis and have equal extents across it."""
     others = [k for k in range(6) if k % 3 != axis]
     found: list[tuple[int, ...]] = []
     for box in sorted(boxes, key=lambda box: (*(box[k] for k in others), box[axis])):

@@ -1,4 +1,4 @@
-"""Concave meshes as convex pieces of another program, such as CoACD, which are proven to contain them."""
+"""Prove that the convex pieces from another program, such as CoACD, contain the surface of a concave mesh."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def proven_pieces(
     scale: ArrayLike = (1.0, 1.0, 1.0),
     margin: float = 0.002,
 ) -> list[Mesh]:
-    """Return convex meshes that contain the surface of a mesh, each grown by a margin; they are written to a folder.
+    """Grow convex pieces by a margin, prove that they contain the surface of a mesh, and write them to a folder.
 
-    Each is the shape of an obstacle, or a collision mesh of a URDF. That every triangle of the mesh lies in them is
-    proven: it is divided until each part has its three corners, and so all of it, in one of the pieces. A body that is
-    wholly inside of the mesh, and of none of the pieces, does not collide.
+    Each returned mesh can be the shape of an obstacle, or a collision mesh of a URDF. The proof divides every triangle
+    of the mesh until the three corners of each part lie in one piece; the piece is convex, so it contains the part. A
+    body that is inside the mesh but outside all pieces does not collide.
 
     Parameters
     ----------
@@ -46,12 +46,13 @@ def proven_pieces(
     scale : sequence of 3 float, optional
         Factors that turn the file's units into metres.
     margin : float, optional
-        How much each piece is grown along each axis [m]; CoACD's pieces touch each other, and are not quite the mesh.
+        The distance by which each piece is grown along each axis [m]. Pieces of CoACD only touch each other and do not
+        contain the whole mesh.
 
     Raises
     ------
     InputError
-        If a piece has no volume, or the mesh is not contained; the message says where.
+        If a piece has no volume, or the pieces do not contain the mesh. The message names a point that is not covered.
     """
     source = Mesh(file, scale, convex=False)
     grown = number("margin", margin, above=0.0) * _CUBE
@@ -73,7 +74,10 @@ def proven_pieces(
 
 
 def _uncovered(triangles: FloatArray, meshes: list[Mesh], finest: float) -> FloatArray | None:
-    """Return the middle (3,) of a triangle of (T, 3, 3) that is not proven to be in the meshes' hulls [m], if any."""
+    """Return the centre (3,) [m] of a part of the triangles (T, 3, 3) that is not proven to be in the hulls, or None.
+
+    `finest` is the edge length [m] at which the division stops.
+    """
     # The hulls are those of the files as they are read again, because these hulls will collide.
     planes = [hull_planes(mesh.parts()[0].geometry) for mesh in meshes]
     while len(triangles):
@@ -91,7 +95,7 @@ def _uncovered(triangles: FloatArray, meshes: list[Mesh], finest: float) -> Floa
 
 
 def _outside(triangles: FloatArray, planes: list[tuple[FloatArray, FloatArray]]) -> FloatArray:
-    """Return those of triangles (T, 3, 3) that no convex body of some planes holds."""
+    """Return the triangles (T, 3, 3) that no convex body contains. `planes` holds normals and offsets of each body."""
     for normals, offsets in planes:
         inside = (triangles.reshape(-1, 3) @ normals.T <= offsets - _INSIDE_MARGIN).all(axis=1)
         triangles = triangles[~inside.reshape(-1, 3).all(axis=1)]
