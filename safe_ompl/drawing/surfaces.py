@@ -1,4 +1,4 @@
-"""Triangles of robots, obstacles and people, with shading normals and colours."""
+"""Triangle surfaces of robots, obstacles and people, with shading normals and colours."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ _SAME_PLACE, _SAME_DIRECTION = 1e-6, 1e-3  # [m]
 class Surface:
     """Triangles with a shading normal per vertex."""
 
-    vertices: FloatArray  # (V, 3), positions [m]
-    normals: FloatArray  # (V, 3), unit normals
+    vertices: FloatArray  # (V, 3) [m]
+    normals: FloatArray  # (V, 3)
     # The vertex indices of each triangle (F, 3).
     faces: IntArray
 
     @classmethod
     def from_triangles(cls, vertices: FloatArray, faces: IntArray) -> Surface:
-        """Return a surface with smooth shading, except across edges that bend much."""
+        """Return a surface with smooth shading, except across sharp edges."""
         vertices, faces = np.asarray(vertices, dtype=float), np.asarray(faces, dtype=np.intp)
         _, welded = _distinct_rows(np.round(vertices / _SAME_PLACE))
         normals, places = _corner_normals(vertices, faces, welded, np.cos(_CREASE)), faces.reshape(-1)
@@ -46,7 +46,7 @@ class Surface:
 
     @classmethod
     def merged(cls, surfaces: Iterable[Surface]) -> Surface:
-        """Return one surface out of many."""
+        """Merge surfaces into one."""
         parts = list(surfaces)
         if not parts:
             return cls(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3), dtype=np.intp))
@@ -62,7 +62,7 @@ class Surface:
         return Surface(self.vertices + distance * self.normals, self.normals, self.faces)
 
     def simplified(self, cell: float) -> Surface:
-        """Return the surface with all vertices within a cubic cell [m] drawn together into one of them."""
+        """Cluster vertices: replace all vertices within a cubic cell of edge `cell` [m] by one of them."""
         kept, index = _distinct_rows(np.round(self.vertices / cell))
         faces = index[self.faces]
         flat = (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
@@ -78,11 +78,11 @@ class Surface:
 
 
 def _corner_normals(vertices: FloatArray, faces: IntArray, welded: IntArray, cos_crease: float) -> FloatArray:
-    """Return normals (3 F, 3) of all triangle corners: area-weighted means over neighbours that bend little.
+    """Return normals (3 F, 3) of all triangle corners: area-weighted means over smooth groups of triangles.
 
-    The largest triangle at a vertex takes those together that bend less than the crease from it, the largest of the
-    rest does the same, and so on; triangles that are left after some rounds keep their own normals.
-    `welded: (V,)` is the same for vertices in one place.
+    At each vertex, the largest triangle forms a group with all triangles whose normals differ by less than the crease
+    angle. The largest remaining triangle forms the next group. Triangles that are left after `_SMOOTH_GROUPS` rounds
+    keep their own normals. `welded: (V,)` is equal for vertices at the same position.
     """
     points = vertices[faces]
     area_normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
@@ -107,7 +107,7 @@ def _corner_normals(vertices: FloatArray, faces: IntArray, welded: IntArray, cos
 
 
 def _distinct_rows(rows: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return the indices of the distinct rows of whole numbers (R, C), and which of them each row equals: (R,)."""
+    """Return the indices of the distinct rows of whole numbers (R, C), and for each row its distinct row (R,)."""
     low = rows.min(axis=0, initial=0.0)
     spans = rows.max(axis=0, initial=0.0) - low + 1.0
     # If a row fits into one integer, sorting is several times faster.
@@ -171,7 +171,7 @@ def tube(points: FloatArray, radius: float) -> Triangles:
 
 
 def _transported_frame(tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors across each tangent that twist as little as possible: (P, 3) each."""
+    """Return two unit vectors (P, 3) normal to each tangent, rotated as little as possible along the curve."""
     across = np.empty_like(tangents)
     seed = np.eye(3)[np.argmin(np.abs(tangents[0]))]
     for i, tangent in enumerate(tangents):
@@ -182,7 +182,7 @@ def _transported_frame(tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _grid_faces(rows: int, columns: int) -> IntArray:
-    """Triangles between consecutive rings of `columns` vertices: (2 (rows-1) columns, 3)."""
+    """Return the triangles (2 (rows-1) columns, 3) between consecutive rings of `columns` vertices."""
     i, j = np.meshgrid(np.arange(rows - 1), np.arange(columns), indexing="ij")
     here, right = i * columns + j, i * columns + (j + 1) % columns
     below, below_right = here + columns, right + columns
@@ -192,11 +192,11 @@ def _grid_faces(rows: int, columns: int) -> IntArray:
 
 @dataclass(frozen=True)
 class ColouredSurface:
-    """A surface with a colour, and perhaps a coat of clear lacquer over it."""
+    """A surface with a colour."""
 
-    surface: Surface  # What is drawn
-    colour: Colour  # Its own colour
-    # Whether a coat of clear lacquer covers the colour.
+    surface: Surface
+    colour: Colour
+    # Whether the surface has specular highlights.
     glossy: bool = False
 
 
@@ -216,10 +216,10 @@ _CIRCLE_CORNERS = 48
 
 
 class RobotBody:
-    """The visible body of a robot, ready to be posed; `links` are its surfaces, each in its own frame.
+    """The surfaces of a robot. `links` holds one surface per body, each in its own frame.
 
-    Its visual geometry is drawn; the collision geometry where a joint moves nothing visual, or if it is to be `coarse`.
-    What is smaller than `detail` [m] is left out.
+    The visual geometry is drawn. The collision geometry is drawn for joints without visual geometry, and for all joints
+    if `coarse`. Details smaller than `detail` [m] are left out.
     """
 
     def __init__(self, robot: Robot, *, coarse: bool = False, detail: float = 1e-5) -> None:
@@ -227,7 +227,7 @@ class RobotBody:
         self._geometry = robot.shared.collision_model if coarse else robot.visual_model
         shown = {part.parentJoint for part in self._geometry.geometryObjects}
         for part in robot.shared.collision_model.geometryObjects:
-            # Without this condition the arm would be drawn in pieces.
+            # Collision geometry fills the gaps of joints without visual geometry.
             if part.parentJoint not in shown:
                 self._geometry.addGeometryObject(part)
         parts = self._geometry.geometryObjects
@@ -237,7 +237,7 @@ class RobotBody:
             self.links.append(Surface.from_triangles(rough.vertices, rough.faces))
 
     def posed(self, q: FloatArray, moved_from: FloatArray | None = None) -> Surface:
-        """Return the body at `q: (n,)` in the world frame, without what stands as at `moved_from: (n,)`."""
+        """Return the body at `q: (n,)` in the world frame, without the links posed as at `moved_from: (n,)`."""
         places = self.placements(q)
         before = [None] * len(places) if moved_from is None else self.placements(moved_from)
         return Surface.merged(
@@ -259,7 +259,7 @@ class RobotBody:
         return (low[:2] + high[:2]) / 2, float((high - low)[:2].max()) / 2, float(low[2])
 
     def placements(self, q: FloatArray) -> list[pin.SE3]:
-        """Return where each of the links is in the world at `q: (n,)`."""
+        """Return the pose of each link in the world at `q: (n,)`."""
         model, data = self._robot.shared.model, self._robot.shared.model.createData()
         bodies = self._geometry.createData()
         pin.updateGeometryPlacements(model, data, self._geometry, bodies, self._robot.pinocchio_configuration(q))
@@ -267,7 +267,10 @@ class RobotBody:
 
 
 def scene_surfaces(obstacles: Iterable[Obstacle]) -> tuple[dict[str, list[ColouredSurface]], list[str]]:
-    """Return the surfaces of each obstacle, and which are dangerous to approach; none if all are alike, things only."""
+    """Return the surfaces of each obstacle by name, and the names of the obstacles that are drawn as dangerous.
+
+    No obstacle is drawn as dangerous if all are dangerous objects, without a person among them.
+    """
     obstacles = tuple(obstacles)
     marked = any(o.weight == 0 or isinstance(o.shape, Person) for o in obstacles)
     drawn = {obstacle.name: obstacle_surfaces(obstacle, marked) for obstacle in obstacles}
@@ -275,9 +278,10 @@ def scene_surfaces(obstacles: Iterable[Obstacle]) -> tuple[dict[str, list[Colour
 
 
 def obstacle_surfaces(obstacle: Obstacle, marked: bool = True) -> list[ColouredSurface]:
-    """Return the surfaces of an obstacle: people by limb, in skin and clothes, all else in one colour.
+    """Return the surfaces of an obstacle: people by limb, with skin and clothes; other obstacles in one colour.
 
-    Its own colour comes first, for a person that of the shirt. If `marked`, dangerous things differ from harmless ones.
+    A colour that the obstacle defines is used, for a person as the colour of the shirt. With `marked`, dangerous
+    obstacles have another colour than harmless ones.
     """
     own = None if obstacle.color is None else (obstacle.color[0], obstacle.color[1], obstacle.color[2])
     if isinstance(obstacle.shape, Person):
@@ -292,13 +296,13 @@ def obstacle_surfaces(obstacle: Obstacle, marked: bool = True) -> list[ColouredS
 
 
 def limb_surfaces(limb: Limb, shirt: Colour = SHIRT) -> list[ColouredSurface]:
-    """Return the surfaces of a limb of a person in its own frame, along z: what is bare, and what is covered."""
+    """Return the lower and the upper part of a person's limb, in the frame of the limb with z along the limb."""
     kind = limb.name.removeprefix("left_").removeprefix("right_")
     surface = Surface.from_triangles(*limb.shape.triangles(_CIRCLE_CORNERS))
     heights = surface.vertices[surface.faces, 2].mean(axis=1)
     covered = heights > (0.25 * limb.radius if kind == "head" else limb.length / 2)
     turn = _HAIRLINE.rotation if kind == "head" else np.eye(3)
-    # Of each limb that is not bare face and hair, or its length and its far end
+    # For the head, the colours of face and hair. For limbs that are not bare, the colours of the lower and upper part.
     clothes = {
         "head": (_SKIN, _HAIR),
         "shoulders": (shirt, shirt),

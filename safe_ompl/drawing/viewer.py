@@ -1,4 +1,4 @@
-"""The browser view: robots and paths in a page, live with a panel or as one HTML file that opens offline."""
+"""Show robots and paths in the browser, live with control panels or as one HTML file that opens offline."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PORT = 8080
 _SIZE = (1200, 800)  # [px]
 # The distance between two paths, in widths of a path.
 _PATH_DISTANCE = 1.15
-# The width of a board, in sizes of the robot's motion.
+# The width of a speed board, as a multiple of the size of the robot's motion.
 _BOARD = 1.25
 # Words reach up to this many half heights of a board above its middle.
 _WORDS_TOP = 1.7
@@ -48,24 +48,24 @@ def view(
     port: int = PORT,
     browser: bool = True,
 ) -> None:
-    """Show paths in the browser, until Ctrl-C; needs the extra `safe-ompl[viewer]`.
+    """Show paths in the browser until Ctrl-C. This needs the extra `safe-ompl[viewer]`.
 
     Parameters
     ----------
     shown : PlanResult, sequence of PlanResult, ProgramResult, Trajectory, MotionRecord or ViewerContent
-        What is shown; several results stand side by side.
+        The content to show. Several results are shown side by side.
     robot, scene : Robot and Scene
-        Of a `Trajectory`, which does not know them; the scene may be left out.
+        Robot and scene of a `Trajectory`, which does not contain them. The scene is optional.
     port : int
-        Port of the server; the next free one if it is taken.
+        Port of the server. If the port is taken, the next free port is used.
     browser : bool
-        Whether to open it in the browser.
+        Whether to open the page in the browser.
 
     Raises
     ------
     InputError
-        If a result does not know its robot and scene, or they are about different ones; if the robot of a trajectory is
-        missing.
+        If a result lacks its robot or scene, if robots or scenes of the results differ, or if the robot of a trajectory
+        is missing.
     SafeOmplError
         If viser is not installed.
     """
@@ -83,10 +83,10 @@ def view(
 
 
 class BrowserView:
-    """A view, served to browsers on this machine.
+    """A server that shows a view in browsers on this machine.
 
-    The port is the next free one if it is taken. The `scene` of the `server` of viser may be added to; `share` is where
-    on the paths the robots are, as a fraction of their length.
+    If the port is taken, the next free port is used. Callers may add objects to the `scene` of viser's `server`.
+    `share` is the position of the robots along their paths, as a fraction of the length.
     """
 
     def __init__(self, content: ViewerContent, *, port: int = PORT) -> None:
@@ -111,18 +111,18 @@ class BrowserView:
 
     @property
     def url(self) -> str:
-        """Address of the page."""
+        """The address of the page."""
         return f"http://127.0.0.1:{self.server.get_port()}"
 
     def go_to(self, share: float) -> None:
-        """Bring all robots to a fraction of the length of their paths."""
+        """Move all robots to a fraction of the length of their paths."""
         self.share = float(np.clip(share, 0.0, 1.0))
         self._postures = [path_view.at(self.share) for path_view in self.path_views]
         self._on_path = True
         self.refresh()
 
     def pose(self, q: FloatArray) -> None:
-        """Bring all robots to the configuration `q: (n,)`."""
+        """Move all robots to the configuration `q: (n,)`."""
         self._postures = [q] * len(self.path_views)
         self._on_path = False
         self.refresh()
@@ -133,7 +133,7 @@ class BrowserView:
         return self._postures[0]
 
     def refresh(self) -> None:
-        """Draw all robots, and what is drawn over them, once more."""
+        """Update all robots and their overlays."""
         with self.server.atomic():
             for path_view, q in zip(self.path_views, self._postures, strict=True):
                 path_view.pose(q)
@@ -141,13 +141,13 @@ class BrowserView:
                     path_view.at_time(self.share * self.content.playing_time)
 
     def describe(self) -> list[str]:
-        """Return for each path_view what there is to say of its robot, as Markdown."""
+        """Return a description of the robot's state for each path view, as Markdown."""
         share = self.share if self._on_path else None
         both = zip(self.path_views, self._postures, strict=True)
         return [path_view.describe(q, share) for path_view, q in both]
 
     def run(self, *, browser: bool = True) -> None:
-        """Serve the view until Ctrl-C, in the browser if that is to be opened."""
+        """Serve the view until Ctrl-C. With `browser`, open the page."""
         controls = Controls(self)
         if browser:
             webbrowser.open(self.url)
@@ -160,14 +160,14 @@ class BrowserView:
             self.server.stop()
 
     def _set_camera(self) -> None:
-        """Set the paths beside each other, and the camera so that it sees all of them."""
+        """Arrange the paths side by side, and set the camera so that all paths are in view."""
         paths = [path_view.samples for path_view in self.path_views]
         drawn = DrawnScene(self.content.robot, self.content.scene_at_start, paths)
         best = best_view(drawn, (_SIZE[0] // len(paths), _SIZE[1]))
         (back, right), landmarks = best.axes(), drawn.landmarks()
         for path_view in self.path_views:
             path_view.add_floor(drawn)
-        # Each path has a board above it, which faces the camera.
+        # Each path gets a speed board above it, which faces the camera.
         if self.content.motions:
             width = _BOARD * drawn.size
             centre, up = 0.5 * (landmarks.min(axis=0) + landmarks.max(axis=0)), np.array([0.0, 0.0, 1.0])
@@ -190,7 +190,7 @@ class BrowserView:
 
 
 def _see_all(client: Any) -> None:
-    """Open the camera of a narrow window, such as a phone's, until it sees as much from side to side as a wide one."""
+    """Widen the field of view in a narrow window, such as a phone's, so that the whole width stays visible."""
     across = np.tan(0.5 * _FIELD_OF_VIEW) * _SIZE[0] / _SIZE[1]
     client.camera.fov = max(_FIELD_OF_VIEW, 2.0 * float(np.arctan(across / client.camera.aspect)))
 
@@ -203,9 +203,9 @@ _FEWEST_FRAMES, _MOST_FRAMES = 97, 1501
 
 
 def save_page(content: ViewerContent, file: str | Path) -> None:
-    """Write a view as one HTML file that needs no server and no network; SafeOmplError if viser is not installed.
+    """Write a view as one HTML file that needs no server and no network.
 
-    It opens at the start of the motion, and is played from there.
+    The page opens at the start of the motion, which can be played. Raises SafeOmplError if viser is not installed.
     """
     view = BrowserView(content)
     try:
@@ -254,14 +254,15 @@ body > #root { flex: 1; height: auto; min-height: 0 }
 }
 </script>
 """
-# A narrower window is that of a phone.
+# A window that is narrower than this is treated as a phone's.
 _PHONE_WIDTH = 600  # [px]
 
 
 def _on_page(content: ViewerContent) -> str:
-    """Return what a page has besides the scene: what the paths are like, above it, and what it does at first.
+    """Return the HTML of a page besides the scene: a description of the paths above the scene, and a script.
 
-    It stops at the start, folds the facts up on a small screen, and sees as much from side to side in a narrow window.
+    The script pauses the motion at the start, collapses the description on a small screen, and widens the field of view
+    in a narrow window.
     """
     styles, parts = planner_styles(content.paths), []
     for name in content.reports:
@@ -278,9 +279,9 @@ _SLIDER_STEP = 1e-3
 
 
 class Controls:
-    """The panels of a live view: the play bar, what the paths are like, and joint sliders.
+    """The panels of a live view: play bar, description of the paths, and joint sliders.
 
-    What the paths are like has a panel of its own beside the scene: the browser folds it up on a small screen.
+    The description has a panel of its own beside the scene. The browser collapses this panel on a small screen.
     """
 
     def __init__(self, view: BrowserView, clock: Callable[[], float] = perf_counter) -> None:
@@ -288,7 +289,7 @@ class Controls:
         self._gui = view.server.gui
         self._last = clock()
         self._playing = False
-        # Whether sliders follow the robot instead of leading it.
+        # True while the sliders are set from the robot's posture, so that they do not pose the robot.
         self._following = False
         if view.content.safest:
             self._gui.add_markdown(f"**Safest: {view.content.safest}**")
@@ -302,7 +303,7 @@ class Controls:
         self._describe()
 
     def advance(self) -> float:
-        """Play on, if it plays; return after how long to come again [s]."""
+        """Advance the motion if it is playing. Return the time [s] until the next call."""
         if not self._playing:
             return _IDLE
         now = self._clock()
@@ -325,7 +326,7 @@ class Controls:
         self._last = self._clock()
 
     def go_to(self, share: float) -> None:
-        """Bring the robots to a fraction of their paths, and all sliders with them."""
+        """Move the robots to a fraction of their paths, and set all sliders accordingly."""
         self._view.go_to(share)
         self._following = True
         self.bar.value = round(share / _SLIDER_STEP) * _SLIDER_STEP

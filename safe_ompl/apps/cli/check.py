@@ -1,4 +1,4 @@
-"""`safe-ompl check`: prove a motion that something else made, and repair it; `safe-ompl tube`: measure its tube."""
+"""Commands `check` (prove and repair a motion of another program) and `tube` (measure tracking errors)."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def add_commands(commands: Any) -> None:
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
-    """Read the motion and the scenario, and return the job."""
+    """Read the motion and the scenario, and return a function that runs the command."""
     message = False
     if options.repair is not None:
         message = Path(options.file).suffix.lower() == ".json" and "format" not in files.read_json(options.file)
@@ -155,7 +155,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 
 
 def _people(options: argparse.Namespace, scenario: Scenario, motion: Motion) -> tuple[People | None, str]:
-    """Return the people beside whom stops are proven; none, and why, where the scenario's are left out."""
+    """Return the people for whom stopping in time is proven, or None and the reason why they are left out."""
     if scenario.people is None or (motion.rated and not options.no_people):
         return scenario.people, ""
     why = "bare samples have no rates" if motion.timed else "the motion has no times"
@@ -163,7 +163,7 @@ def _people(options: argparse.Namespace, scenario: Scenario, motion: Motion) -> 
 
 
 def _check_people(options: argparse.Namespace, scenario: Scenario, limits: RateLimits) -> None:
-    """Raise InputError where stops of the motion beside people cannot be proven, or not be claimed."""
+    """Raise InputError if stopping in time for people cannot be proven for the motion, or not be certified."""
     if limits.jerk is not None:
         raise InputError(
             "stops that keep a limit of the jerk are proven of our own trajectories only; leave it out, or give "
@@ -177,7 +177,7 @@ def _check_people(options: argparse.Namespace, scenario: Scenario, limits: RateL
 
 
 def _sampled(motion: Motion, options: argparse.Namespace, robot: Robot) -> Motion:
-    """Return the motion; as bare samples if the options say that it is of these."""
+    """Return the motion, as bare samples if --max-velocity is given."""
     if options.max_velocity is None:
         return motion
     if not motion.timed or motion.degree > 1:
@@ -188,7 +188,7 @@ def _sampled(motion: Motion, options: argparse.Namespace, robot: Robot) -> Motio
 
 
 def _without_ends(scenario: Scenario, robot: Robot, tube: tuple[float, ...]) -> SafeSetup:
-    """Return a setup with the scenario's limits and a tube, which the scenario's start need not keep."""
+    """Return a setup with the scenario's limits and a tube. The scenario's start and goal are not checked with it."""
     given = setup_scenario(scenario, robot)
     setup = SafeSetup(robot, given.scene, danger=given.danger_options)
     setup.setConstraints(given.getConstraints())
@@ -205,7 +205,7 @@ def _check(
     limits: RateLimits | None,
     message: bool,
 ) -> int:
-    """Check the motion, and show and write what was found as the options say."""
+    """Check the motion, print the result and write the requested files."""
     robot, (people, without) = setup.robot, _people(options, scenario, motion)
     with document.within(options.file, ": "):
         found = setup.check(motion, limits, people, options.time)
@@ -245,7 +245,7 @@ def _check(
 
 
 def _say(title: str, found: MotionCheck, widest: FloatArray | None, without: str) -> None:
-    """Say what is proven, and what not; `without` says why people are not looked at."""
+    """Print what is proven and what is not. `without` is the reason why people are left out."""
     lines = [title, f"motion: {found.motion!r}", str(found)]
     if widest is not None:
         each = zip(found.proof.checker.robot.joint_names, widest.tolist(), strict=True)
@@ -257,7 +257,7 @@ def _say(title: str, found: MotionCheck, widest: FloatArray | None, without: str
 def _retime(
     options: argparse.Namespace, scenario: Scenario, setup: SafeSetup, motion: Motion, limits: RateLimits
 ) -> int:
-    """Time the way points of a motion anew if they are proven, and show and write what came of it."""
+    """If the way points of a motion are proven, compute a new time law, print the result and write the files."""
     robot, name = setup.robot, Path(options.file).name
     with document.within(options.file, ": "):
         found = setup.check(way_of(motion, robot), time=options.time)
@@ -293,7 +293,7 @@ def _retime(
 def _write(
     repair: Repair, options: argparse.Namespace, setup: SafeSetup, limits: RateLimits | None, message: bool
 ) -> MotionCheck:
-    """Write a repaired motion if what is read from the file is proven, too; return what is proven of that."""
+    """Write a repaired motion if the motion read back from the file is proven, too. Return the check of the latter."""
     content, read = motion_content(repair.motion, options.repair, message=message)
     if read is not repair.motion:
         with document.within(options.repair, ": "):
@@ -307,7 +307,7 @@ def _write(
 def _described(repair: Repair, written: MotionCheck, file: str) -> str:
     if not written:
         why = repair.how
-        # The motion was free. Its rates were too high, or the file rounds its numbers.
+        # The motion was free of collisions. Its rates were too high, or the file rounds its numbers.
         if repair.changed:
             why = f"{why}, {written.violations[0]}"
         return f"safe-ompl: nothing is written to {file}: {why}"
@@ -326,7 +326,7 @@ def _described(repair: Repair, written: MotionCheck, file: str) -> str:
 
 
 def prepare_tube(options: argparse.Namespace) -> Callable[[], int]:
-    """Read the logs, and return the job."""
+    """Read the logs and return a function that runs the command."""
     pair = options.commanded, options.measured
     if (None in pair) != (pair == (None, None)) or bool(options.logs) == (None not in pair):
         raise InputError("give logs, or both --commanded and --measured")
@@ -354,7 +354,7 @@ def prepare_tube(options: argparse.Namespace) -> Callable[[], int]:
 
 
 def _log(log: str, options: argparse.Namespace) -> tuple[Motion, Motion]:
-    """Return the commanded and the measured motion of a log, whatever its form."""
+    """Return the commanded and the measured motion of a log in any supported format."""
     topics = options.commanded_topic, options.measured_topic
     if Path(log).suffix.lower() in (".mcap", ".db3") or Path(log).is_dir():  # recordings of ROS 2
         output.need_extra("mcap", log)
@@ -367,7 +367,7 @@ def _log(log: str, options: argparse.Namespace) -> tuple[Motion, Motion]:
 
 
 def _tube(found: Mapping[str, MeasuredTube], factor: float) -> int:
-    """Print the widest tube of some logs, by joint, and how it is given to `check` and in a scenario."""
+    """Print the widest tube of all logs, by joint, and how to pass it to `check` and to a scenario."""
     samples = sum(tube.samples for tube in found.values())
     table = output.plain_table("joint", "largest error", "between samples", "at\ns", "tube", title=f"{samples} samples")
     if len(found) > 1:

@@ -1,4 +1,4 @@
-"""Where the output of commands goes: consoles, log lines, tables, and files, checked before the work begins."""
+"""Output of the commands: consoles, log lines, tables, and files, which are checked before a command runs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from safe_ompl.common import InputError, files
 from safe_ompl.drawing import PLOT_ENDINGS
 from safe_ompl.io import strict_json
 
-# Rich takes 30 ms of a start: it is imported when something is shown that needs it.
+# Importing Rich takes 30 ms, so Rich is only imported by the functions that need it.
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
@@ -43,12 +43,12 @@ EXTRAS = {
 }
 # The width of tables that go to a file or a pipe.
 _WIDTH = 160
-# This many records of the log are held back. No level lets them pass.
+# The number of log records that are held back, and a level above all levels, so that no record is shown early.
 _HELD, _NEVER = 10_000, logging.CRITICAL + 1
 
 
 def console() -> Console:
-    """Return where tables go: standard output; what its encoding lacks becomes a question mark."""
+    """Return the console for tables, on standard output. Characters that its encoding lacks become question marks."""
     from rich.console import Console
 
     _replace_unknown_characters()
@@ -56,7 +56,7 @@ def console() -> Console:
 
 
 def say(text: str) -> None:
-    """Print text as it is to standard output; what its encoding lacks becomes a question mark."""
+    """Print text unchanged to standard output. Characters that its encoding lacks become question marks."""
     _replace_unknown_characters()
     print(text, flush=True)
 
@@ -67,7 +67,7 @@ def _replace_unknown_characters() -> None:
 
 
 def error_console() -> Console:
-    """Return where progress and messages go: standard error. Messages are not wrapped."""
+    """Return the console for progress and messages, on standard error. Messages are not wrapped."""
     from rich.console import Console
 
     return Console(stderr=True, highlight=False, markup=False, soft_wrap=True, width=_width(sys.stderr.isatty()))
@@ -78,7 +78,7 @@ def _width(is_terminal: bool) -> int | None:
 
 
 def progress_bar(console: Console, *, hidden: bool = False) -> Progress:
-    """Return a progress bar that shows only on a terminal, and leaves nothing behind."""
+    """Return a progress bar that is only shown on a terminal, and removed at the end."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
@@ -99,10 +99,10 @@ class _LogLines(logging.Handler):
 
 @contextmanager
 def shown_log(verbose: bool) -> Iterator[Callable[[], None]]:
-    """Show the package's warnings, and what it is doing if `verbose`, while the block runs.
+    """Show the package's warnings while the block runs, and with `verbose` its progress messages, too.
 
-    Unless `verbose` they are held back until the function that is yielded is called: to bad input the answer is one
-    line, not a list of warnings.
+    Without `verbose` the warnings are held back until the yielded function is called, so that bad input leads to one
+    error line without a list of warnings.
     """
 
     def show() -> None:
@@ -125,7 +125,7 @@ def shown_log(verbose: bool) -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def ompl_messages(verbose: bool) -> Iterator[None]:
-    """Let OMPL report errors only, and what it is doing if `verbose`, while the block runs."""
+    """Let OMPL report only errors while the block runs, and with `verbose` its progress messages, too."""
     level = ou.getLogLevel()
     ou.setLogLevel(ou.LogLevel.LOG_INFO if verbose else ou.LogLevel.LOG_ERROR)
     try:
@@ -146,7 +146,7 @@ class OutputFile(str):
 
 
 def output_file(*endings: str, extra: str | None = None) -> Callable[[str], OutputFile]:
-    """Return what reads an option that names an output; `STANDARD_OUTPUT` among the endings allows that, too."""
+    """Return a function that reads the name of an output file. With `STANDARD_OUTPUT` in `endings`, "-" is allowed."""
 
     def read(text: str) -> OutputFile:
         file = OutputFile(text)
@@ -157,9 +157,9 @@ def output_file(*endings: str, extra: str | None = None) -> Callable[[str], Outp
 
 
 def each_until_ctrl_c(items: Iterable[Item], do: Callable[[Item], object]) -> int:
-    """Do something with each item, until they end or Ctrl-C is pressed; return the exit status so far.
+    """Call `do` with each item until the items end or the user presses Ctrl-C; return the exit status.
 
-    KeyboardInterrupt where nothing was done by then.
+    Raises KeyboardInterrupt if Ctrl-C was pressed before the first item was done.
     """
     done = False
     with suppress(KeyboardInterrupt):
@@ -180,10 +180,10 @@ LOG = output_file(".mcap", extra="mcap")
 
 
 def check_outputs(options: argparse.Namespace) -> None:
-    """Check all outputs that the options name, before the work begins; files are left as they are.
+    """Check all output files that the options name, before the command runs. No file is changed.
 
-    An InputError names the option whose file has a wrong ending, cannot be written, is read by the same command, is
-    written by another option, or exists already where there is no --force; or whose extra is not installed.
+    Raises InputError, which names the option, if a file has an unknown extension, cannot be written, is an input of the
+    same command, is written by another option, or exists and --force is missing; or if an extra is not installed.
     """
     outputs = {key: value for key, value in vars(options).items() if isinstance(value, OutputFile)}
     others = [value for key, value in vars(options).items() if key not in outputs]
@@ -209,7 +209,7 @@ def check_outputs(options: argparse.Namespace) -> None:
 
 
 def _check_place(path: Path, option: str, inputs: Sequence[str | Path], *, force: bool) -> None:
-    """Raise InputError if a file cannot be written, is an input, or would be lost."""
+    """Raise InputError if a file cannot be written, is an input, or exists and `force` is False."""
     file = str(path)
     if any(_same_file(given, path) for given in inputs):
         raise InputError(f"{file!r} is read by this command: give another file", option)
@@ -225,7 +225,7 @@ def _check_place(path: Path, option: str, inputs: Sequence[str | Path], *, force
 
 
 def missing_extra(extra: str) -> str | None:
-    """Return what to install for an extra of the package, or None if it is installed."""
+    """Return the message that an extra of the package is not installed, or None if it is installed."""
     module, purpose = EXTRAS[extra]
     if find_spec(module) is not None:
         return None
@@ -247,7 +247,7 @@ def _same_file(given: str | Path, path: Path) -> bool:
 
 
 def make_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
-    """Create the folder of --out, or raise InputError; also if it holds files of these names, without --force."""
+    """Create the folder of --out. Raise InputError if that fails, or files exist in it and `force` is False."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryFile(dir=folder):
@@ -261,7 +261,7 @@ def make_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
 
 
 def opened(file: str) -> AbstractContextManager[IO[str]]:
-    """Open a file to write lines to, of which those that are finished are kept; ``-`` is standard output."""
+    """Open a file for writing line by line; ``-`` is standard output. Written lines are kept after an interruption."""
     return nullcontext(sys.stdout) if file == STANDARD_OUTPUT else Path(file).open("w", encoding="utf-8")
 
 
