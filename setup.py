@@ -44,7 +44,7 @@ LANES = ["safe_ompl.danger.lanes"]
 
 # Cython's code for memory views is compiled once, into this module, instead of into every module.
 SHARED = "safe_ompl.common.memoryviews"
-SHARED_SOURCE = f"build/memoryviews_{version('Cython')}.c"
+SHARED_SOURCE = f"build/memoryviews_{version('Cython').replace('.', '_')}.c"
 
 # Results must not depend on the compiler, so fused multiply-add (-ffp-contract) is off, and -ffast-math is never used.
 # The two -fno-… flags change no result; without them loops that take square roots are not vectorised.
@@ -107,7 +107,8 @@ class BuildModules(build_ext):
         os.environ["CC"] = own or ZIG
         if not Path(SHARED_SOURCE).exists():
             Path("build").mkdir(exist_ok=True)
-            unfinished = f"{SHARED_SOURCE}.unfinished"
+            # Cython 3.2 takes the name of the file for that of a module, so it must be an identifier.
+            unfinished = SHARED_SOURCE.replace("memoryviews", "unfinished_memoryviews")
             generate_shared_module(CompilationOptions(shared_c_file_path=unfinished, module_name=SHARED))
             os.replace(unfinished, SHARED_SOURCE)
         ours = [module for module in self.extensions if module.name != SHARED]
