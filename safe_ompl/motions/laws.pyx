@@ -1,9 +1,9 @@
-"""Velocities along a curve, cell by cell: limits before people, the fastest time law, driving, stops; derivatives.
+"""Velocities along a curve, cell by cell: limits for people, the fastest time law, execution, stops, and derivatives.
 
-Symbols and proofs are those of `docs/how-it-works.md` §9. The stop from (s, ṡ) stays on the path. The faster it begins,
-or the farther on in its cell, the longer it takes, for at the same ṡ it is at a place where β is no larger; what allows
-V stays true when V falls. At the end of the path, and in corners that are no blends, the robot stops: V² ≤ 2 Σ β h up
-to there.
+Symbols and proofs are those of `docs/how-it-works.md` §9. The stop from (s, ṡ) stays on the path. A stop takes longer
+if it begins faster, or farther on in its cell, because at the same ṡ it is then at a place where β is no larger. A
+constraint that allows V also allows smaller V. At the end of the path, and at corners without blends, the robot stops:
+V² ≤ 2 Σ β h up to there.
 """
 
 from libc.math cimport INFINITY, fabs, sqrt
@@ -13,27 +13,27 @@ import numpy as np
 from safe_ompl.common import InputError
 
 cdef enum:
-    # Bisections of a velocity limit: to the last bits.
+    # Bisections of a velocity limit, down to double precision.
     LIMIT_HALVINGS = 50
-    # Steps of Newton's method to ṡ² in the fastest law. It takes 2 to 4; each reaches another pair of constraints.
+    # Limit of Newton steps to ṡ² in the fastest law. 2 to 4 are needed; each step reaches another pair of constraints.
     NEWTON_STEPS = 60
-# A step of Newton's method shrinks ṡ² by at least this share, so that rounding does not hold it up.
+# A Newton step decreases ṡ² by at least this share, so that rounding cannot stall it.
 cdef double LEAST_STEP = 1e-14
-# Limits of accelerations are tightened by this share, which is more than rounding adds.
+# Acceleration limits are tightened by this share, which exceeds the rounding errors.
 cdef double TIGHTER = 1e-10
-# A coefficient of ṡ² below this bounds nothing.
+# A smaller coefficient of ṡ² gives no bound.
 cdef double NO_FACTOR = 1e-14
-# An edge of a cell that is nearer than this is reached [rad].
+# An edge of a cell counts as reached within this distance [rad].
 cdef double REACHED = 1e-12
-# Below this ṡ² the robot stands [rad²/s²].
+# With a smaller ṡ² the robot is at rest [rad²/s²].
 cdef double AT_REST = 1e-14
-# ṡ² that is below a limit by no more than this share of the limit is on the limit.
+# ṡ² counts as on a limit if it is below the limit by at most this share of the limit.
 cdef double ON_LIMIT = 1e-9
-# What each of a few steps may round, relative to the sum of the coefficients.
+# Rounding error of a few operations, relative to the sum of the coefficients.
 cdef double ROUNDING = 16.0 * 2.0**-52
 
 
-# Boxes of q′ and q″ over N cells, each (N, n).
+# Ranges of q′ and q″ over N cells, each (N, n).
 cdef struct Derivatives:
     const double *dq_ds_low
     const double *dq_ds_high
@@ -42,7 +42,8 @@ cdef struct Derivatives:
     Py_ssize_t n
 
 
-# An interval of ṡ² at the end of a cell, and how fast its ends grow with ṡ² at the start; empty if low > high.
+# An interval of ṡ² at the end of a cell, and the derivatives of its ends with respect to ṡ² at the start. The interval
+# is empty if low > high.
 cdef struct Range:
     double low
     double high
@@ -54,10 +55,10 @@ def stopping_speeds(
     const double[::1] sizes, const double[::1] brakes, const double[:, ::1] times, const double[:, ::1] harmless,
     const double[::1] velocity_limits, const Py_ssize_t[::1] ends,
 ):
-    """Return the largest ṡ (N,) of each cell; for which of M bodies, and in which cell, it is bounded (−1: none).
+    """Return the largest ṡ (N,) of each cell; the index among M bodies and the cell that bound it (−1: none).
 
-    Last comes whether (N,) u bounds it, rather than τ: `times` and `harmless`, (N, M) each. Of cells `brakes` are b,
-    `velocity_limits` what ṡ keeps to for other reasons, `ends` the cells behind which the robot next stops in any case.
+    The last result (N,) tells whether u bounds ṡ, rather than τ: `harmless` and `times`, (N, M) each. For the cells,
+    `brakes` are b, `velocity_limits` other limits of ṡ, and `ends` the cells after which the robot next stops.
     """
     cdef Py_ssize_t N = times.shape[0], M = times.shape[1], j, k, m, _
     cdef double room, brake, gone, latest, limit, square, good, bad, middle
@@ -117,7 +118,7 @@ def stopping_speeds(
 cdef double _stopping_time(
     double x, Py_ssize_t first, Py_ssize_t N, const double *sizes, const double *brakes
 ) noexcept nogil:
-    """Return how long the stop from ṡ² = x takes that begins in a cell, at its end: the longest one from there."""
+    """Return the duration of the stop from ṡ² = x at the end of cell `first`, the longest stop from there."""
     cdef double time = 0.0, brake = brakes[first], after
     cdef Py_ssize_t k
     for k in range(first + 1, N):
@@ -145,9 +146,9 @@ def spread(
     const double[::1] edges, const double[::1] radii, const Py_ssize_t[::1] stops, const double[:, ::1] values,
     double width,
 ):
-    """Return the least (N, m) of the values of all cells by whose radius a cell is reached.
+    """Return the least (N, m) of the values of all cells whose radius reaches a cell.
 
-    Cells do not reach beyond `stops`, corners in which the robot stops. At a distance d a value counts as
+    Cells do not reach beyond `stops`, which are corners at which the robot stops. At a distance d a value counts as
     max(value, d/width), unless the width is infinite.
     """
     cdef Py_ssize_t N = values.shape[0], n = values.shape[1], k, j, i, step
@@ -210,12 +211,14 @@ cdef Range _next_range(
 def fastest(const double[::1] sizes, boxes, const double[::1] limits, const double[::1] most):
     """Return the largest x = ṡ² (N+1,) at the grid points that ends at rest, with x ≤ `most: (N+1,)`.
 
-    The boxes of q′ and q″, (N, n) each, are those of `safe_ompl.motions.Boxes`; `limits: (n,)` those of accelerations.
+    `boxes` are the ranges of q′ and q″, (N, n) each, of `safe_ompl.motions.Boxes`; `limits: (n,)` are acceleration
+    limits.
 
-    Backward, K_j is the largest x_j ≤ most_j from which some x_(j+1) ≤ K_(j+1) is reached; all smaller ones do as well,
-    for the feasible (x_j, x_(j+1)) are a convex set with the origin in it. Forward, each x_(j+1) is the largest one.
-    How long the interval of x_(j+1) is, negative where there is none, is a concave function of x_j that is made of
-    lines. So Newton's method comes down to K_j, and ends there.
+    In the backward pass, K_j is the largest x_j ≤ most_j from which some x_(j+1) ≤ K_(j+1) can be reached. All smaller
+    x_j are feasible as well, because the feasible (x_j, x_(j+1)) are a convex set that contains the origin. In the
+    forward pass, each x_(j+1) is the largest feasible one. The length of the interval of x_(j+1), negative if the
+    interval is empty, is a concave, piecewise linear function of x_j. So Newton's method decreases to K_j and ends
+    there.
     """
     cdef Py_ssize_t N = sizes.shape[0], j, _
     cdef Derivatives derivatives
@@ -244,7 +247,7 @@ def fastest(const double[::1] sizes, boxes, const double[::1] limits, const doub
 
 
 cdef int _write_boxes(boxes, Py_ssize_t N, Py_ssize_t n, Derivatives *found) except -1:
-    """Write where the boxes of N cells and n joints stand; they must outlive it."""
+    """Set pointers to the ranges of N cells and n joints. The arrays must outlive `found`."""
     cdef const double[:, ::1] box
     cdef const double *begin[4]
     cdef Py_ssize_t k
@@ -263,9 +266,10 @@ cdef int _write_boxes(boxes, Py_ssize_t N, Py_ssize_t n, Derivatives *found) exc
 def ceilings(
     const double[::1] sizes, const double[::1] squared_limits, const double[::1] brakes, const Py_ssize_t[::1] stops
 ):
-    """Return c (N + 1,) at the ends of cells: from ṡ² ≤ c every stop of the path, at edges `stops`, is reached.
+    """Return c (N + 1,) at the edges of cells: from ṡ² ≤ c the robot can stop at every required stop, at edges `stops`.
 
-    In a cell ṡ² keeps to X, `squared_limits`, and |s̈| to b, `brakes`; before s_(j+1) it is c_(j+1) + 2b_j (s_(j+1) − s).
+    In a cell ṡ² is limited by X, `squared_limits`, and |s̈| by b, `brakes`. Before s_(j+1) the ceiling is c_(j+1) +
+    2b_j (s_(j+1) − s).
     """
     cdef Py_ssize_t N = sizes.shape[0], j, k
     _check_rows("squared_limits", squared_limits.shape[0], N)
@@ -289,8 +293,8 @@ def drive(
 ):
     """Return a motion of one tick [s] from (s, ṡ² = x), and the stop after it: cells (W,), s, x and t (W + 1,).
 
-    In the tick the path acceleration is `acceleration_share`·b, a share from −1 to 1, as far as X and the ceiling let it.
-    Then it is −b until the robot stands. W is 0 if the robot stands already, and stays so.
+    During the tick the path acceleration is `acceleration_share`·b, a share from −1 to 1, as far as X and the ceiling
+    permit. Afterwards it is −b until the robot is at rest. W is 0 if the robot is at rest and stays so.
     """
     cdef Py_ssize_t N = brakes.shape[0], most = 4 * N + 8, n = 0, k = 0
     cdef bint ticking = True
@@ -363,7 +367,7 @@ def drive(
 cdef inline double _braked(
     double x, Py_ssize_t k, const double *sizes, const Derivatives *boxes, const double *limits
 ) noexcept nogil:
-    """Return x at the end of cell k of a stop that enters it with x; negative where it ends before."""
+    """Return x at the end of cell k for a stop that enters with x; negative if the stop ends within the cell."""
     cdef Range found = _next_range(x, sizes[k], boxes, k, limits, x, -INFINITY)
     return found.low if found.low <= found.high else x
 
@@ -371,7 +375,7 @@ cdef inline double _braked(
 def squared_velocities_of_stop(
     Py_ssize_t first, Py_ssize_t last, const double[::1] sizes, boxes, const double[::1] limits
 ):
-    """Return x at the edges from the start of cell `first` on, 1 there, until it is not above 0 or behind `last`."""
+    """Return x at the edges from the start of cell `first`, where x = 1, until x ≤ 0 or the end of cell `last`."""
     cdef Py_ssize_t N = sizes.shape[0], n = 1, k
     cdef Derivatives derivatives
     _write_boxes(boxes, N, limits.shape[0], &derivatives)
@@ -393,9 +397,9 @@ def time_left(
     const double[::1] sizes, boxes, const double[::1] limits, const Py_ssize_t[::1] ends, const double[:, ::1] times,
     const double[:, ::1] harmless,
 ):
-    """Return the least τ_km − T_jk (N,) of each cell j, which limb m in which cell k, √x there; and the T of stops.
+    """Return for each cell j the least τ_km − T_jk (N,) with its limb m, cell k and √x, and the durations T of stops.
 
-    The motion is next at rest behind cells `ends: (N,)`; `times` and `harmless`, (N, M), are τ [s] and u of each limb.
+    The motion is next at rest after cells `ends: (N,)`; `times` and `harmless`, (N, M), are τ [s] and u of each limb.
     """
     cdef Py_ssize_t N = times.shape[0], M = times.shape[1], j, k, m
     cdef double x, y, span
@@ -432,9 +436,9 @@ def time_left(
 def derivatives(
     const double[::1] times, const double[:, :, ::1] coefficients, const Py_ssize_t[::1] pieces, const double[::1] s
 ):
-    """Return the values (4, S, n) of polynomials (K, d + 1, n) and of their derivatives at s (S,), each in a piece.
+    """Return the values (4, S, n) of polynomials (K, d + 1, n) and of three derivatives at s (S,), on given pieces.
 
-    Piece k has powers of (s − t_k)/(t_{k+1} − t_k), with `times: (K + 1,)`.
+    Piece k is a polynomial in (s − t_k)/(t_{k+1} − t_k), with `times: (K + 1,)`.
     """
     cdef Py_ssize_t S = s.shape[0], n = coefficients.shape[2], degree = coefficients.shape[1] - 1, j, k, i, power
     cdef double span, u, q, first, second, third
@@ -461,10 +465,10 @@ def derivative_ranges(
     const double[::1] times, const double[:, :, ::1] coefficients, const Py_ssize_t[::1] pieces,
     const double[::1] edges,
 ):
-    """Return bounds (3, N, n), low and high, of the first three derivatives in cells between `edges: (N + 1,)`.
+    """Return lower and upper bounds (3, N, n) of the first three derivatives in cells between `edges: (N + 1,)`.
 
-    They are the least and the largest Bernstein coefficients in each cell, with what rounding adds; cells lie in
-    `pieces: (N,)`, as `derivatives` has them.
+    The bounds are the least and the largest Bernstein coefficients in each cell, widened by rounding errors. `pieces:
+    (N,)` are the pieces of the cells, as in `derivatives`.
     """
     cdef Py_ssize_t N = pieces.shape[0], n = coefficients.shape[2], degree = coefficients.shape[1] - 1
     cdef Py_ssize_t j, k, i, power, p, order, last, point
@@ -508,7 +512,7 @@ def derivative_ranges(
 
 
 cdef inline double _factor(Py_ssize_t p, Py_ssize_t order) noexcept nogil:
-    """Return (p + order)!/p!, by which a derivative of an order has the power p of (u − first)/width."""
+    """Return (p + order)!/p!, the factor of power p of (u − first)/width in a derivative of the given order."""
     cdef double factor = 1.0
     cdef Py_ssize_t f
     for f in range(order):
@@ -519,7 +523,7 @@ cdef inline double _factor(Py_ssize_t p, Py_ssize_t order) noexcept nogil:
 cdef int _check_limbs(
     const double[::1] sizes, const double[:, ::1] times, const double[:, ::1] harmless, const Py_ssize_t[::1] ends
 ) except -1:
-    """Raise InputError unless there are sizes and ends of all N cells, and both tables are of the same limbs in them."""
+    """Raise InputError unless sizes and ends have N cells, and both tables have the same shape."""
     cdef Py_ssize_t N = times.shape[0]
     _check_rows("sizes", sizes.shape[0], N)
     _check_rows("harmless", harmless.shape[0], N)
@@ -532,7 +536,7 @@ cdef int _check_limbs(
 cdef int _check_pieces(
     const double[::1] times, const double[:, :, ::1] coefficients, const Py_ssize_t[::1] pieces
 ) except -1:
-    """Raise InputError unless there are times of all pieces, powers, and no other pieces than these."""
+    """Raise InputError unless times match the pieces, powers exist, and all piece indices are valid."""
     cdef Py_ssize_t K = coefficients.shape[0]
     if times.shape[0] != K + 1 or coefficients.shape[1] < 1:
         raise InputError(f"{K} pieces need powers and {K + 1} times, got {coefficients.shape[1]} and {times.shape[0]}")
@@ -540,7 +544,7 @@ cdef int _check_pieces(
 
 
 cdef int _check_indices(str name, const Py_ssize_t[::1] indices, Py_ssize_t count) except -1:
-    """Raise InputError unless all indices are from 0 to below a count."""
+    """Raise InputError unless all indices are at least 0 and below `count`."""
     cdef Py_ssize_t k
     for k in range(indices.shape[0]):
         if not 0 <= indices[k] < count:
