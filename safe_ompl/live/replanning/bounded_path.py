@@ -153,7 +153,7 @@ class SpeedLimits:
 
 
 class CellFrames(NamedTuple):
-    """N cells of a path: the frames of the m joints at their centres, and how far the G bodies get away from there."""
+    """N cells of a path: the frames of the m joints at their centres, and bounds of the motion of G bodies in them."""
 
     rotations: FloatArray  # (N, m, 3, 3)
     origins: FloatArray  # (N, m, 3) [m]
@@ -189,7 +189,7 @@ class RobotBodies:
         self.speeds = BodySpeeds(robot)  # bodies and tip
 
     def frames(self, Q: FloatArray, travel: FloatArray = _NOWHERE) -> CellFrames:
-        """Return the frames of the joints at `Q: (B, n)`, and how far (B, G) the bodies get from there [m]."""
+        """Return the frames of the joints at `Q: (B, n)` with bounds `travel` (B, G) of the motion of bodies [m]."""
         return CellFrames(*self.robot.joint_frames(Q)[:2], travel)
 
     def vertices(self, body: int, frames: CellFrames) -> FloatArray:
@@ -243,11 +243,11 @@ class StopLaw(NamedTuple):
 
     @property
     def duration(self) -> float:
-        """How long it takes until the robot stands [s]."""
+        """Duration until the robot stands [s]."""
         return float(self.times[-1]) + self.window
 
     def at(self, time: float) -> tuple[float, float, float]:
-        """Return s, ṡ and s̈ at a time since it began [s]; at rest after its end."""
+        """Return s, ṡ and s̈ at a time since the motion began [s]; after its end the robot is at rest."""
         if time >= self.duration:
             return float(self.places[-1]), 0.0, 0.0
         now = max(time, 0.0)
@@ -302,9 +302,9 @@ class StopLaw(NamedTuple):
 
 @dataclass(frozen=True)
 class BoundedPath:
-    """A curve in cells; in each of them ṡ² and |s̈| are bounded so that the joints keep their limits.
+    """A curve divided into cells, with bounds of ṡ² and |s̈| in each cell, so that the joints stay within their limits.
 
-    Where the jerk is limited these are bounds of a plan; see `StopLaw`.
+    With a jerk limit these are the bounds of a plan; see `StopLaw`.
     """
 
     bodies: RobotBodies  # The robot's
@@ -372,7 +372,7 @@ class BoundedPath:
         return np.asarray(self.bodies.speeds.accelerations(self.cells)[:, self.bodies.moving])
 
     def prepare(self) -> None:
-        """Compute what retreats need, before a command is due."""
+        """Compute the values that retreats need before a command is due."""
         _ = self.accelerations, self._slow, self.ceiling
 
     @cached_property
@@ -393,9 +393,9 @@ class BoundedPath:
         return self if short else BoundedPath.along(self.bodies, self.curve, self.limits)
 
     def slowed(self, speeds: FloatArray, hardest: float) -> BoundedPath:
-        """Return the same path with lower bounds (N,) of ṡ; what is known of contacts is shared.
+        """Return the same path with ṡ bounded by `speeds: (N,)`; cached results on contacts are shared.
 
-        |s̈| is no more than what joints, and `hardest`, allow at these speeds.
+        |s̈| is bounded by the joints' limits at these speeds and by `hardest`.
         """
         brakes = _brakes(self.cells, self.limits.joints, speeds, self.smooth)
         return replace(self, squared_limits=speeds * speeds, brakes=np.minimum(brakes, hardest))
@@ -510,13 +510,13 @@ class BoundedPath:
         return most, free
 
     def pace(self, around: Around, tick: float) -> tuple[FloatArray, float]:
-        """Return how long (N,) each cell takes beside people as they are now, and for how long that holds [s].
+        """Estimate the time (N,) [s] of each cell among people at their present positions, and how long it holds [s].
 
-        In a cell that people need τ to reach, the robot is no faster than what stops within τ − T, if it begins to
-        brake within a tick [s], T after the measurement; a cell that allows less than a fiftieth of the full speed is
-        barred (inf). The times hold until somebody can be so near that a cell takes longer: 0 where that is so already.
-        Where contact is allowed, the robot is no slower than it is borne where nobody is clamped. This estimate
-        compares paths; motions that are executed are proven by `margin`.
+        If people need a time τ to reach a cell, the robot must be able to stop there within τ − T. T is the time from
+        the measurement until the robot brakes, one tick [s] later. A cell that allows less than 1/50 of the full speed
+        is blocked (inf). The times hold until somebody can be so near that a cell takes longer; the second value is 0
+        if this is already so. If contact is allowed, the speed need not be lower than the contact speed tolerated
+        without clamping. The estimate only compares paths; `margin` proves the motions that are executed.
         """
         times, left = self._cell_times(around, tick)
         barred = np.isinf(times)
@@ -530,7 +530,7 @@ class BoundedPath:
         return np.where(barred, sums, times), left
 
     def _cell_times(self, around: Around, tick: float) -> tuple[FloatArray, float]:
-        """Return what `pace` says, with the bounds of these cells alone."""
+        """Return the result of `pace` for the bounds of these cells only."""
         sets, since, clearance, contact = around
         reaction = tick + since
         full = np.sqrt(self.squared_limits)
@@ -559,7 +559,7 @@ class BoundedPath:
         return np.where(barred, np.inf, np.diff(self.edges) / np.where(barred, 1.0, speeds)), left
 
     def from_to(self, first: float, last: float) -> BoundedPath:
-        """Return the path between two arc lengths; it begins at the start of the piece that holds the first one."""
+        """Return the path between two arc lengths; it begins at the start of the piece that contains the first one."""
         begin = float(self.curve.times[self.curve.piece_at(np.array([first]))[0]])
         a = int(np.searchsorted(self.edges, begin - _EQUAL_PLACES))
         b = max(int(np.searchsorted(self.edges, last - _EQUAL_PLACES)), a + 1)

@@ -1,4 +1,4 @@
-"""Detours: when the path ahead is barred or slow, a quicker one is searched on a roadmap among still obstacles."""
+"""Detours: if people block or slow the path ahead, a faster path is searched on a roadmap among still obstacles."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ _ESTIMATE_LIFETIME = 0.3  # [s]
 _PERSON_MOTION, _PERSON_SPEED = 0.05, 0.01
 # Units of work for a proof, an estimate and a shortcut, which replaces several edges by one motion.
 _PROOF, _ESTIMATE, _SHORTCUT = 8, 1, 12
-# A detour must take less than this share of the time, and be this much quicker [s].
+# A detour must take less than this share of the remaining time, and save at least this much time [s].
 _GAIN, _WORTH = 0.75, 0.3
-# A detour is searched if the rest takes this many times as long as with nobody near.
+# A detour is searched if the rest of the path takes this many times as long as without people.
 _SLOWDOWN = 1.2
 # Detours are not taken if they take longer than both: this time, and this many times the time of the rest alone.
 _MOST_DETOUR_TIME, _MOST_TIME_RATIO = 30.0, 10.0  # [s], 1
@@ -53,21 +53,21 @@ class _Edge:
 
     # Whether the edge is free of still obstacles, which is proven once.
     free: bool | None = None
-    # The least time that the edge takes with nobody near [s].
+    # The least time of the edge without people [s].
     full: float | None = None
-    # The time that the edge takes beside people [s], infinite if they block it.
+    # The estimated time of the edge among people [s], infinite if they block it.
     time: float = 0.0
-    # The time until which the estimate holds [s]. Nobody can be near enough before to slow the robot down.
+    # The time until which the estimate is kept [s].
     until: float = -np.inf
 
 
 class Detours:
-    """Searches paths that are quicker beside people where they are now, and keep the limits.
+    """Searches paths within `limits` that are faster among people at their present positions.
 
     Milestones are drawn around the trajectories that are given to `cover`. An edge between two milestones is proven
-    free of still obstacles when it is first needed. Its estimated time beside people is kept until somebody can be near
-    enough to slow the robot down: for T = (distance − length of a stop from full speed)/v. Paths keep `limits`. `left`
-    units of work may be done now. Joints that are not `movable: (n,)` stay as on the trajectories.
+    free of still obstacles when it is first needed. Its estimated time among people is kept until somebody can be near
+    enough to slow the robot down: for T = (distance − length of a stop from full speed)/v. `left` is the number of
+    units of work left in this call. Joints that are not `movable` (n,) stay as on the trajectories.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Detours:
         self._tips: FloatArray = np.empty((0, 3))
         self._near: list[list[int]] = []
         self._edges: defaultdict[tuple[int, int], _Edge] = defaultdict(_Edge)
-        # The milestones that are moved to starts and goals.
+        # The milestones that are moved to the start and the goal of each search.
         self._passing: dict[str, int] = {}
         # A path that nobody can slow down before a time [s].
         self._undisturbed: tuple[BoundedPath | None, float] = (None, 0.0)
@@ -121,7 +121,7 @@ class Detours:
         return np.asarray(self._robot.tip_pose(q).translation)
 
     def _join(self, k: int, q: FloatArray, count: int) -> None:
-        """Join milestone k at `q: (n,)` to the other milestones with the shortest straight motions of the joints."""
+        """Connect milestone k at `q: (n,)` with the `count` milestones that joints reach in the shortest time."""
         order: list[int] = np.argsort(self._joint_times(q), kind="stable").tolist()
         for other in order[1 : count + 1]:
             for one, two in ((k, other), (other, k)):
@@ -133,12 +133,12 @@ class Detours:
         return int(same[0]) if len(same) else None
 
     def _joint_times(self, q: FloatArray) -> FloatArray:
-        """Return the times (N,) of straight motions to all milestones at full speed of the joints [s]."""
+        """Return the times (N,) [s] of straight motions to all milestones at the joints' velocity limits."""
         moves = np.abs(self._robot.difference(self.milestones, q))
         return np.asarray((moves / self.limits.joints.velocity).max(axis=1, initial=0.0))
 
     def _full_times(self, q: FloatArray) -> FloatArray:
-        """Return lower bounds (N,) of the times of motions to all milestones with nobody near [s]."""
+        """Return lower bounds (N,) [s] of the times of motions to all milestones without people."""
         distances = np.linalg.norm(self._tips - self._tip(q), axis=1)
         cap = min(self.limits.tool_speed or np.inf, self.limits.link_speed or np.inf)
         return np.asarray(np.maximum(self._joint_times(q), distances / cap))
@@ -156,7 +156,7 @@ class Detours:
         return self._edges[min(a, b), max(a, b)]
 
     def _time(self, a: int, b: int, around: Around, now: float) -> float | None:
-        """Return the time of an edge [s], infinite if it is not free; None if too few units are left to find out."""
+        """Return the time of an edge [s], infinite if it is not free; None if too few units of work are left."""
         edge, start, end = self._edge(a, b), self.milestones[min(a, b)], self.milestones[max(a, b)]
         if edge.free is None:
             if not self._spend(_PROOF):
@@ -183,11 +183,11 @@ class Detours:
     def quickest(
         self, start: FloatArray, goal: FloatArray, around: Around, now: float, within: float
     ) -> tuple[list[FloatArray], float] | None:
-        """Return the quickest path (n,) to (n,) beside people where they are now, and its time [s].
+        """Return the fastest path between two configurations (n,) among people, and its time [s]; None if none.
 
-        A lazy A*: edges count with their time at full speed until they lie on the best path; then they are proven, and
-        their cost is estimated. Paths that cost more than `within` [s] are not searched. Results are kept for the next
-        call.
+        The search is a lazy A*. Edges count with their time at full speed until they lie on the best path; then they
+        are proven and their time is estimated. Paths that take longer than `within` [s] are not searched. Results are
+        kept for the next call.
         """
         first, last = self._end("start", start), self._end("goal", goal)
         ahead = self._full_times(goal)
@@ -260,13 +260,12 @@ class Detours:
     def search(
         self, command: Command, around: Around, now: float, units: int, others: Sequence[FloatArray] = ()
     ) -> tuple[BoundedPath, float] | None:
-        """Return a quicker path to a goal that leaves the command's path where its stop ends; None if none is found.
+        """Return a faster path that leaves the command's path where its stop ends; None if none is found.
 
-        The goal is the end of that path, or one of the `others`, each (n,).
-
-        The path begins with the rest of the command's path up to there, so that the robot can change to it at any time
-        before. The arc length of the command's path at which it begins is returned as well. At most `units` units of
-        work are done; the next call continues where this one ended.
+        The goal is the end of the command's path, or one of the `others`, each (n,). The new path begins with the rest
+        of the command's path up to the end of the stop, so that the robot can change to it at any earlier time. The arc
+        length of the command's path at which the new path begins is returned, too. At most `units` units of work are
+        done; the next call continues where this one ended.
         """
         path, self.left = command.path, units
         rest = float(command.motion.places[-1])
@@ -278,7 +277,7 @@ class Detours:
         expected, left = coarse.pace(around, self._tick)
         self._undisturbed = path, now + left
         ahead = coarse.edges[1:] > rest
-        # The least time that each cell takes with nobody near.
+        # The least time of each cell without people.
         alone = np.diff(coarse.edges) / np.sqrt(coarse.squared_limits)
         stay, least = float(expected[ahead].sum()), float(alone[ahead].sum())
         if stay < _SLOWDOWN * least + _WORTH:

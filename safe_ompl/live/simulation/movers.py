@@ -1,4 +1,4 @@
-"""People and objects that move in a simulation, and where they are at any time."""
+"""People and objects that move in a simulation, and their positions at any time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from safe_ompl.geometry import STANDING, Limb, Pose, Shape, placed
 from safe_ompl.live import Recording, Skeleton, Surroundings, TrackedBody, Tracker, who_is_where
 from safe_ompl.scene import People
 
-# Of a sensor that sees all key points of the body.
+# The skeleton of a simulated sensor that sees all key points of the body.
 ALL_KEYPOINTS = Skeleton("standing", tuple(STANDING), {name: (name,) for name in STANDING})
 STEP = 0.02  # [s] between two places
 _MOST_KEPT_STEPS = 1000  # steps
@@ -40,11 +40,11 @@ class PersonMover(Protocol):
     tracker: Tracker
 
     def at(self, time: float) -> FloatArray:
-        """Return the key points (J, 3) at a time [s], as the tracker's skeleton has them."""
+        """Return the key points (J, 3) at a time [s] in the order, axes and unit of the tracker's skeleton."""
 
 
 class Playback:
-    """A recorded person, played back and forth."""
+    """A recording of a person, played forwards and backwards in turn."""
 
     def __init__(self, recording: Recording, tracker: Tracker) -> None:
         self.recording, self.tracker = recording, tracker
@@ -55,16 +55,16 @@ class Playback:
 
 
 class Drifting:
-    """An object that moves straight on from a place, and is reflected at the walls of a room.
+    """An object that moves at a constant velocity (3,) [m/s] and is reflected at the walls of a room.
 
-    The velocity is (3,) [m/s], the room (2, 3) [m]: its lowest and highest corner. Without a velocity it stays.
+    The room (2, 3) [m] is given by its lowest and highest corner. Without a velocity the object stands still.
     """
 
     def __init__(self, place: pin.SE3, velocity: FloatArray | None = None, room: FloatArray | None = None) -> None:
         self._place, self._velocity, self._room = place, velocity, room
 
     def at(self, time: float) -> pin.SE3:
-        """Return where it is at a time [s]."""
+        """Return the pose at a time [s]."""
         if self._velocity is None:
             return self._place
         place = self._place.translation + time * self._velocity
@@ -76,7 +76,7 @@ class Drifting:
 
 
 class Solid(NamedTuple):
-    """A limb of a person, or a part of an object, at its place."""
+    """A limb of a person, or a part of an object, with its pose."""
 
     who: str
     limb: str
@@ -95,14 +95,14 @@ def limb_solids(who: str, body: TrackedBody, keypoints: FloatArray) -> list[Soli
 
 
 def part_solids(what: str, shape: Shape, place: pin.SE3) -> list[Solid]:
-    """Return the parts of an object at its place."""
+    """Return the parts of an object at its pose."""
     return [Solid(what, "", part.geometry, place * part.placement) for part in shape.parts()]
 
 
 class World:
-    """The people and objects of a simulation, and where they truly are at any time.
+    """The people and objects of a simulation, with their true positions at any time.
 
-    Shapes, points and speeds of the objects are those of the replanner's surroundings.
+    Objects have the shapes, points and speeds of the replanner's surroundings.
     """
 
     def __init__(
@@ -112,9 +112,9 @@ class World:
         self.surroundings = surroundings
 
     def keypoints(self, time: float) -> dict[str, FloatArray]:
-        """Return the key points (18, 3) of all people at a time [s], completed as their bodies have it.
+        """Return the key points (18, 3) of all people at a time [s]; missing ones are assumed by `TrackedBody`.
 
-        With glitches they are those that sensors see.
+        With glitches they are the key points that sensors measure.
         """
         found = {}
         for name, mover in self.people.items():
@@ -142,18 +142,18 @@ class World:
         return found
 
     def tick(self, time: float) -> dict[str, Any]:
-        """Return key points of the people and poses of the objects at a time [s], as plain data."""
+        """Return key points of the people and poses of the objects at a time [s] as plain values."""
         return who_is_where(self.keypoints(time), {name: mover.at(time) for name, mover in self.objects.items()})
 
 
 class Walker:
-    """A person who walks about at random, turns, and reaches out with both arms.
+    """A person who walks at random, turns, and reaches out with both arms.
 
-    No end of a limb is ever faster than `People.speed_of` it times `speed`, as is promised at 1. The person stays in a
-    sector of a ring about a centre (3,) at the height of the floor [m], begins as near to a place `start: (2,)` [m] as
-    the ring is, and walks through obstacles and the robot. A stance (9,) is the place about the centre (distance [m],
-    angle [rad]), the direction that is faced, and three angles of each arm [rad]. Raises InputError if the skeleton of
-    the tracker, which says size, limbs and errors, is not `ALL_KEYPOINTS` in the world's frame.
+    No end of a limb is faster than `speed` times `People.speed_of` the limb; with `speed` ≤ 1 limbs stay in their reach
+    sets. The person stays in a sector of a ring about a centre (3,) at floor height [m], begins at the point of the
+    ring nearest to `start: (2,)` [m], and walks through obstacles and the robot. A stance (9,) is the position about
+    the centre (distance [m], angle [rad]), the direction of the body, and three angles of each arm [rad]. Raises
+    InputError if the tracker's skeleton is not `ALL_KEYPOINTS` in the world frame.
     """
 
     def __init__(
@@ -171,7 +171,7 @@ class Walker:
             raise InputError("must have the skeleton ALL_KEYPOINTS in the world's frame", "tracker")
         self._people, self._centre, self._speed = people, centre, speed
         self._rng = np.random.default_rng(whole_number("seed", seed, at_least=0))
-        # How fast each key point (17,) may be: as the slowest of the limbs whose ends depend on it [m/s]
+        # The speed limit of each key point (17,) [m/s] is that of the slowest limb whose ends depend on it.
         body, speeds = self.tracker.body, np.array([people.speed_of(limb) for limb in self.tracker.body.limbs])
         self._bounds = np.where((body.weights > 0).any(axis=1), speeds[:, None], np.inf).min(axis=0)
         away = np.asarray(start, dtype=float) - centre[:2]
@@ -183,7 +183,7 @@ class Walker:
         self._count = 1
 
     def at(self, time: float) -> FloatArray:
-        """Return the key points (17, 3) at a time [s], no earlier than some seconds before the latest asked for."""
+        """Return the key points (17, 3) at a time [s], at most some seconds before the latest time of earlier calls."""
         place = self._speed * max(time, 0.0) / STEP
         k = int(place)
         while self._count < k + 2:
@@ -201,7 +201,7 @@ class Walker:
         return np.asarray(self.tracker.body.height * _posture(stance[3:].reshape(2, 3)) @ turn.T + at)
 
     def _after(self, before: FloatArray) -> FloatArray:
-        """Go a step on, the longest one in which no key point is too fast, and return the key points there."""
+        """Take the longest step in which no key point is too fast, and return the key points (17, 3) after it."""
         if self._left <= 0 or float(np.linalg.norm(self._way())) < _ARRIVED:
             self._choose()
         self._left -= 1
@@ -217,7 +217,7 @@ class Walker:
         return before.copy()
 
     def _choose(self) -> None:
-        """Draw the next stance, and how fast the person goes there."""
+        """Draw the next stance, and the speed at which the person goes there."""
         far = self._rng.uniform(_NEAREST_PLACE, _FARTHEST_PLACE)
         angle = self._home + self._rng.uniform(-_SECTOR, _SECTOR)
         arms = self._rng.uniform(_ARMS_LOW, _ARMS_HIGH, (2, 3))
@@ -226,11 +226,11 @@ class Walker:
         self._pace, self._left = self._rng.uniform(0.3, 1.0), round(_MOST_TIME_AT_PLACE / STEP)
 
     def _way(self) -> FloatArray:
-        """Return the rest of the way (2,), outwards and about the centre [m]."""
+        """Return the remaining displacement (2,) to the goal, radial and tangential [m]."""
         return np.asarray((self._goal - self._stance)[:2] * [1.0, self._stance[0]])
 
     def _wanted(self) -> FloatArray:
-        """Return the stance a step later if no limb had a bound of its speed."""
+        """Return the stance after the next step without the speed limits of limbs."""
         way, far = self._goal - self._stance, float(np.linalg.norm(self._way()))
         walked = min(1.0, self._pace * self._people.speed * STEP / max(far, 1e-9))
         most = np.repeat([_BODY_TURN * STEP, self._pace * _SWING * STEP], [1, 6])

@@ -133,9 +133,9 @@ class ContactMonitor:
         obeyed: bool,
         qd: FloatArray | None = None,
     ) -> NearestLimb:
-        """Note a contact at one instant if there is one, and return the smallest distance.
+        """Record the contacts at one instant, and return the smallest distance.
 
-        With joint velocities `qd: (n,)` the speeds of the robot in contacts are noted, too.
+        With joint velocities `qd: (n,)` the speeds of the robot in contacts are recorded, too.
         """
         nearest = self.nearest(q, solids)
         if nearest.distance > 0:
@@ -155,17 +155,17 @@ class ContactMonitor:
 
 @dataclass(frozen=True)
 class Faults(Section):
-    """Delay and faults between the world and the replanner; raises InputError if a value is out of its range."""
+    """Delays and faults between the world and the replanner; raises InputError if a value is out of its range."""
 
-    # Errors of measured key points and places of objects: uniform in a ball of this radius [m]
+    # Errors of measured key points and positions of objects are uniform in a ball of this radius [m].
     noise: float = key(number, default=0.0, at_least=0.0)
     # The share of the measurements in which nobody is seen.
     drops: float = key(fraction, default=0.0)
-    # Share of the ticks in which the replanner answers too late: the robot follows its last command to its stop
+    # The share of the ticks in which the command is too late. The robot then follows its last command to its stop.
     late: float = key(fraction, default=0.0)
     # The seed of the generator that draws the faults.
     seed: int = 0
-    # From a measurement until the command that answers it holds [s], at most a tick: the time that the replanner has
+    # The time from a measurement until its command holds [s], at most a tick; the replanner computes in this time.
     latency: float = key(number, default=0.02, at_least=0.0)
 
 
@@ -174,35 +174,36 @@ class SimulationSummary:
     """The result of a simulation."""
 
     seconds: float = 0.0
-    # Contacts while the robot moved and everybody kept to the reach model: 0 if the proofs hold and none is allowed
+    # Contacts while the robot moved and everybody stayed in their reach sets: 0 if the proofs hold and contact is not
+    # allowed.
     contacts_while_moving: int = 0
     # The largest speed of the robot at the point of contact [m/s].
     contact_speed: float = 0.0
-    # Contacts while it moved, after somebody had not kept to the model; and while it stood
+    # Contacts while the robot moved, after somebody had left their reach set; and contacts while the robot stood.
     contacts_after_violations: int = 0
     contacts_at_rest: int = 0
     # Contacts with people who followed a robot that retreated from their measured places.
     contacts_retreating: int = 0
-    # Share of the time in which everybody had kept to the model since the measurement that the motion was
-    # proven against
+    # The share of the time in which everybody had stayed in their reach sets since the measurement against which the
+    # motion was proven.
     model_obeyed: float = 1.0
-    # How often the goal was reached, the robot stopped on its way, and a detour was taken.
+    # Numbers of goals reached, of stops on the way, and of detours.
     tasks: int = 0
     stops: int = 0
     detours: int = 0
     # The share of the time in which the robot moved.
     moving: float = 0.0
-    # From a measurement to a proven command on the clock of this machine: median and 99 %
+    # The time from a measurement to a proven command on this machine: median and 99th percentile [s].
     reaction: tuple[float, float] = (0.0, 0.0)
     # Ticks without a new command, in which the robot followed its last command to the stop.
     deadlines_missed: int = 0
     # Measurements that showed a limb farther away than assumed.
     violations: int = 0
-    # Smallest distance while the robot moved and everybody kept to the model [m]
+    # The smallest distance while the robot moved and everybody stayed in their reach sets [m].
     least_distance: float = np.inf
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all attributes as plain data."""
+        """Return all attributes as a dict of plain values."""
         found = dict(self.__dict__)
         found["reaction"] = {"median": self.reaction[0], "p99": self.reaction[1]}
         return found
@@ -220,14 +221,13 @@ class SimulationSummary:
 
 
 class Simulation:
-    """A robot that follows trajectories, beside people and objects that move, which its replanner tracks.
+    """Simulation of a robot that follows trajectories among moving people and objects, which its replanner tracks.
 
-    The trajectories are followed one after the other, and again from the first: each begins where the one before ends;
-    or the places of a `Route` are visited in any order.
-    `summary` is complete once the simulation has run to its end. Looking for contacts takes most of the time; there is
-    none if `monitor` is set to None. `reactions` are times from measurements to their commands, on the `clock` [s].
-    What is set to `follow` is told each command at once, and returns why a robot does not do that, which then goes on
-    with the one before; empty: it does.
+    The trajectories are followed in order, and then again from the first; each begins where the previous one ends. Or
+    the places of a `Route` are visited in any order. `summary` is complete at the end of the simulation. The search for
+    contacts takes most of the time; set `monitor` to None to skip it. `reactions` are the times from measurements to
+    their commands on the `clock` [s]. `follow` may be set to a function that is called with each new command. It
+    returns "" if the robot accepts the command, else the reason why the robot continues with the previous command.
     """
 
     clock = staticmethod(perf_counter)
@@ -256,13 +256,13 @@ class Simulation:
         return self.replanner.log_header()
 
     def run(self, seconds: float) -> SimulationSummary:
-        """Run for a time [s], and return the result."""
+        """Simulate for a time [s], and return the summary."""
         for _ in self.ticks(seconds):
             pass
         return self.summary
 
     def ticks(self, seconds: float) -> Generator[dict[str, Any], None, None]:
-        """Run for a time [s], and yield ticks as `safe_ompl.io.ticks` describes them."""
+        """Simulate for a time [s], and yield ticks in the form of `safe_ompl.io.ticks`."""
         tick = self.replanner.tick
         if isinstance(self.trajectories, Route):
             self.trajectories.start(self.replanner, self.trajectories.places[0])
@@ -306,7 +306,7 @@ class Simulation:
                 self._conclude(over, shares)
 
     def _answer(self, now: float, command: Command | None) -> tuple[Command | None, float | None]:
-        """Return the command that answers a measurement, and how long that took [s]; if late, the last command."""
+        """Return the new command and its computing time [s]; if it is late, the last command and None."""
         if self._rng.random() < self.faults.late:
             self.summary.deadlines_missed += 1
             return command, None
@@ -321,7 +321,7 @@ class Simulation:
         return new, reaction
 
     def _go_on(self, now: float, q: FloatArray) -> None:
-        """Start what comes after a trajectory that is done, from `q: (n,)`."""
+        """Start the next trajectory or place of the route from `q: (n,)`."""
         self.summary.tasks += 1
         if isinstance(self.trajectories, Route):
             self.trajectories.start(self.replanner, q)
@@ -341,7 +341,7 @@ class Simulation:
         return new if old is None or time >= now + self.latency - 1e-12 else old
 
     def _measure(self, now: float, command: Command | None) -> float:
-        """Let the replanner measure the world while the robot follows a command; return how long that took [s]."""
+        """Pass measurements of the world to the replanner; return the computing time of its update [s]."""
         seen, things = dict[str, Any](), dict[str, Any]()
         if not self._rng.random() < self.faults.drops:
             for name, mover in self.world.people.items():
@@ -356,7 +356,7 @@ class Simulation:
         return took
 
     def _promise(self, now: float, around: Surroundings, violations: list[ReachViolation]) -> None:
-        """Record the reach sets from now on, and who is outside the previous ones."""
+        """Record the new reach sets, and the violations of the previous ones."""
         self.summary.violations += bool(violations)
         if around.known:
             self._promised[now] = around.sets
@@ -372,7 +372,7 @@ class Simulation:
         return np.asarray(directions * radii)
 
     def _observe(self, now: float, old: Command | None, new: Command) -> tuple[FloatArray, NearestLimb]:
-        """Return shares (2,) of a tick, in which all obeyed and the robot moved, and what was nearest at first."""
+        """Return the shares (2,) of a tick in which reach sets held and the robot moved, and the first nearest limb."""
         robot = self.replanner.robot
         times = now + np.arange(0.0, self.replanner.tick - 1e-9, _MONITOR_INTERVAL)
         shares: FloatArray = np.zeros(2)
@@ -384,7 +384,7 @@ class Simulation:
             keypoints = self.world.keypoints(time)
             ends = self.world.ends(keypoints, time)
             sets = self._promised.get(command.measured)
-            # Whether everybody is where the reach model has them after the measurement.
+            # Whether everybody is in the reach sets of the measurement.
             since = time - command.measured
             good = sets is None or bool((sets.excess(ends, since) <= _REACH_TOLERANCE).all())
             shares += (good, moving)
@@ -421,9 +421,10 @@ class Simulation:
 
 
 class ProgramSimulation(Simulation):
-    """Executes `segments` one after the other, each once; the robot stops for people, and continues where it stands.
+    """Simulation of a program: `segments` are executed once in order; the robot stops for people and then continues.
 
-    Then it rests. The summary counts segments as tasks. Raises InputError as `SegmentSequence`.
+    After the last segment the robot rests. The summary counts segments as tasks. Raises InputError as
+    `SegmentSequence`.
     """
 
     def __init__(
@@ -438,7 +439,7 @@ class ProgramSimulation(Simulation):
         super().__init__(self.segments.current.replanner, [], people, objects, faults=faults)
 
     def ticks(self, seconds: float) -> Generator[dict[str, Any], None, None]:
-        """Run for a time [s] or until all segments are executed, and yield ticks as `Simulation.ticks`."""
+        """Simulate for a time [s] or until all segments are executed, and yield ticks as `Simulation.ticks`."""
         with closing(super().ticks(seconds)) as ticks:
             for tick in ticks:
                 yield tick

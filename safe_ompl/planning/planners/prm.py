@@ -1,4 +1,4 @@
-"""SafePRM: lazy bidirectional A* over random milestones that prefers safe ones."""
+"""SafePRM: lazy bidirectional A* over random milestones that prefers safe milestones."""
 
 from __future__ import annotations
 
@@ -39,62 +39,63 @@ _LARGEST_ROADMAP = 50_000
 
 
 class SafePRM(SafePlanner):
-    """Two graphs over the same random milestones, grown by A* from start and goal until they meet (SAFE_PRM_PLANNER).
+    """Lazy PRM whose two graphs grow by A* from start and goal over the same milestones (SAFE_PRM_PLANNER).
 
-    The milestone that leaves Open next minimises f = g + h + α·CDF: the length of the way to it, the distance to the
-    milestone that the other graph added last, and its danger. With α = 0 it is a classical lazy PRM. When the samples
-    do not suffice, more are drawn, and the search begins anew on the larger roadmap.
+    The next milestone from Open minimises f = g + h + α·CDF: the length of the path to it, the distance to the
+    milestone that the other graph added last, and its danger. With α = 0 it is a classical lazy PRM. If the samples do
+    not suffice, more are drawn, and the search begins again on the larger roadmap.
 
-    The roadmap, with all verdicts on milestones and edges, is kept from query to query: `clearQuery` forgets start and
-    goal only, `clear` everything. Milestones are drawn uniformly, or by the valid state sampler whose allocator the
-    space information was given.
+    The roadmap, with all verdicts on milestones and edges, is kept between queries: `clearQuery` clears start and goal
+    only, `clear` everything. Milestones are drawn uniformly, or by the space information's valid state sampler if it
+    has an allocator.
 
     Parameters
     ----------
     range : float >= 0, default 0.0 [rad]
-        What `slide` and penalties are measured in; 0 takes 7.5 % of the space's extent.
+        Unit of `slide` and penalties; 0 means 7.5 % of the space's extent.
     alpha : float >= 0, default 3.0
-        Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations: at 1, as much danger as a
-        typical step of 1 rad adds is worth a detour of 1 rad. 0 plans classically.
+        Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations. At 1, a typical change of the
+        danger over a step of 1 rad weighs as much as a detour of 1 rad. 0 plans classically.
     neighbors : int >= 1, default 25
-        K: how many of the nearest milestones are neighbours.
+        K: number of nearest milestones that are neighbours.
     samples : int >= 1, default 50
-        Number of milestones to begin with.
+        Number of milestones at the beginning.
     slide : float >= 0, <= 1, default 0.8
-        Largest sideways motion of the middle of an edge, as a fraction of the range; 0 drives straight edges as in the
-        paper. Edges of the path that are longer than twice the range move down the gradient of the danger in their
-        middle, where both halves stay free; so do the halves. It acts where α > 0 and the objective offers gradients
-        (`DangerObjective` does).
+        Largest sideways motion of the middle of an edge, as a fraction of the range; 0 keeps straight edges as in the
+        paper. The middle of an edge longer than twice the range is moved down the gradient of the danger if both halves
+        stay free; then the same is done for the halves. It acts if α > 0 and the objective has gradients, as
+        `DangerObjective` has.
     clearance : float >= 0, default 0.05 [m]
         Margin from all obstacles, dangerous or not. Edges that do not keep it are penalised by four times the range,
-        and again if they do not keep 30 % of it. The margin is no more than 80 % of what start and goal keep, falls to
-        60 % each time when samples do not suffice, and ends below 20 mm. It acts where α > 0, also where nothing is
-        dangerous, and needs a `CertifiedMotionValidator`. 0 for none.
+        and again if they do not keep 30 % of it. The margin is limited to 80 % of the clearance of start and goal. It
+        falls to 60 % each time that samples do not suffice, and is 0 below 20 mm. It acts if α > 0, even if nothing is
+        dangerous, and needs a `CertifiedMotionValidator`. 0 for no margin.
 
     Notes
     -----
-    The planner as it is printed in [1] is `PaperSafePRM`, and with α = 0 `PaperPRM`. What differs here, and why:
+    `PaperSafePRM` is the planner as printed in [1], and `PaperPRM` the same with α = 0. The differences of this
+    planner, with reasons:
 
-    * h and g are lengths, not 1-norms: shorter paths, and one α for arms with more and fewer joints;
-    * an edge is checked when its milestone is about to leave Open, not when it enters: the search is the same, step by
-      step, but edges to milestones that are never chosen are never checked, so that K may be large, for short paths;
-    * a milestone is checked when it first becomes a neighbour, and does not count among the K if invalid: the roadmap
-      stays connected in clutter;
-    * more samples are drawn where the first do not suffice: what can be solved is solved, whatever N. Most of them lie
-      on the way from a milestone of the stuck graph to the uniform random configuration nearest to it, at 5 to 100 % of
-      it, log-uniform: the graph grows out of narrow places, as an RRT does. The others are uniform, which makes the
-      planner probabilistically complete;
-    * the most dangerous three of ten milestones are left out until a search without them has failed: fewer queries and
-      a lower peak;
-    * the path is contracted like an elastic band where neither the peak of the danger nor its integral rises, and
-      its edges descend sideways (`slide`): shorter, and lower danger between milestones;
-    * edges near obstacles are penalised (`clearance`): obstacles that are not dangerous are not grazed, either, and no
-      way is closed;
-    * α is relative to the usual slope of the danger: one default serves all robots.
+    * h and g are lengths, not 1-norms, for shorter paths, and one α for arms with any number of joints.
+    * An edge is checked when its milestone is about to leave Open, not when it enters. The search is the same, but
+      edges to milestones that are never chosen are never checked. So K may be large, for short paths.
+    * A milestone is checked when it first becomes a neighbour. Invalid milestones do not count among the K neighbours,
+      so that the roadmap stays connected in clutter.
+    * If the samples do not suffice, more are drawn, so that N does not limit what is solved. Most new samples lie
+      between a milestone of the stuck graph and a uniform random configuration to which it is the nearest, at 5 to
+      100 % of the distance, log-uniform: the graph grows out of narrow passages, as an RRT does. The others are
+      uniform, which makes the planner probabilistically complete.
+    * The most dangerous 30 % of the milestones are left out until a search without them has failed, for fewer queries
+      and a lower peak of the danger.
+    * The path is contracted like an elastic band where neither the peak of the danger nor its integral rises, and its
+      edges are moved sideways (`slide`). The path is shorter, and the danger between milestones lower.
+    * Edges near obstacles are penalised (`clearance`), so that paths do not graze harmless obstacles either, and no
+      passage is closed.
+    * α is relative to the typical slope of the danger, so that one default fits all robots.
 
-    The distance h is to one milestone for all of Open, so that the length of the way from there to the other root
-    would change nothing. A milestone that was closed is not opened again. Motions are taken to be free both ways or
-    neither way. Those of a path are checked in the direction of driving.
+    The distance h refers to one milestone for all of Open, so adding the length from this milestone to the other root
+    would change nothing. A closed milestone is not opened again. The search assumes that a motion is free in both
+    directions or in neither. The edges of a path are checked in the direction of motion.
 
     References
     ----------
@@ -122,7 +123,7 @@ class SafePRM(SafePlanner):
     clearance = Parameter(0.05)
     setClearance, getClearance = clearance.methods()
 
-    # The last path along milestones, under which settings it was driven, and how.
+    # The milestones and settings of the last path, and the path (N, n) that was returned for them.
     _last: tuple[tuple[float, ...], FloatArray]
 
     def _make_parts(self) -> None:
@@ -163,7 +164,7 @@ class SafePRM(SafePlanner):
         return None
 
     def _safe_prm_planner(self, graph: SearchGraph, other: SearchGraph, ptc: Any) -> list[int] | None:
-        """SAFE_PRM_PLANNER on the present samples; None where they do not suffice, or when `ptc` fires."""
+        """SAFE_PRM_PLANNER on the present samples; None if they do not suffice, or if `ptc` ends the search."""
         current_goal = self._roadmap.goals[0]
         while (new := self._best_of_open(graph, current_goal, ptc)) is not None:
             # CONNECTED: only q_new can have become common to Closed(1) and Closed(2).
@@ -176,7 +177,7 @@ class SafePRM(SafePlanner):
         return None
 
     def _best_of_open(self, graph: SearchGraph, current_goal: int, ptc: Any) -> int | None:
-        """Move argmin of f from Open(1) to Closed(1): the best whose edge is free and keeps its margin."""
+        """Move the argmin of f from Open(1) to Closed(1), among milestones whose edge is free and keeps the margin."""
         f = self._f(graph, current_goal)
         tried: list[int] = []
         penalty = _PENALTY * self.getRange()
@@ -185,7 +186,7 @@ class SafePRM(SafePlanner):
             offer = int(f.argmin())
             parent, milestone = int(graph.parents[offer]), int(graph.milestones[offer])
             penalties = int(graph.penalties[offer])
-            # After that the edge must only be free, so that no passage is closed.
+            # After the last penalty the edge must only be free, so that no passage is closed.
             keeps = parent != ROOT and penalties < _PENALTIES
             margin = self._margin.in_force * _PENALTY_FALL**penalties if keeps else 0.0
             is_free = parent == ROOT or self._roadmap.is_free(*graph.as_driven(parent, milestone), margin)
@@ -227,7 +228,7 @@ class SafePRM(SafePlanner):
         return np.array(neighbors, dtype=np.intp)
 
     def _usual_danger(self) -> float:
-        """Return the danger that most milestones do not exceed; the others are left out at first."""
+        """Return the danger that 70 % of the milestones do not exceed; the others are left out at first."""
         if not self._danger.weight:
             return inf
         return float(np.quantile(self._roadmap.costs(np.arange(len(self._roadmap))), _USUAL))
@@ -240,7 +241,7 @@ class SafePRM(SafePlanner):
             self._roadmap.add(self._problem.valid_samples(self._rng, count, ptc))
 
     def _enlarge(self, stuck: SearchGraph, ptc: Any) -> None:
-        """Add milestones: some uniform, most of them around the graph that cannot go on."""
+        """Add milestones: some uniform, most of them around the graph that is stuck."""
         roadmap = self._roadmap
         if len(roadmap) > _LARGEST_ROADMAP:
             self._restart_roadmap(ptc)
@@ -254,7 +255,7 @@ class SafePRM(SafePlanner):
         roadmap.add(np.concatenate(rows))
 
     def _outwards(self, fringe: FloatArray, count: int) -> FloatArray:
-        """Return configurations (count, n) between a fringe (N, n) and random ones, from the nearest of it on."""
+        """Return configurations (count, n) between random ones and the nearest configurations of a fringe (N, n)."""
         if len(fringe) > _LARGEST_FRINGE:
             fringe = fringe[self._rng.choice(len(fringe), _LARGEST_FRINGE, replace=False)]
         targets = self._problem.random(self._rng, count)
@@ -265,7 +266,7 @@ class SafePRM(SafePlanner):
         return self._bridge.wrapped(self._bridge.moved(fringe[nearest], fractions * steps))
 
     def _driven(self, path: list[int], ptc: Any) -> FloatArray:
-        """Return a path (N, n) as it is driven, contracted and bent away from danger; that of the last one is kept."""
+        """Return the path (N, n) along milestones, contracted and moved away from danger; the last result is kept."""
         rows = self._roadmap.configurations[path]
         if not self._danger.weight:
             return rows
@@ -277,7 +278,7 @@ class SafePRM(SafePlanner):
     # ------------------------------------------------------------------------------------------- the roadmap
 
     def _lengths_from(self, milestone: int) -> FloatArray:
-        """Return the lengths (N,) of the straight motions between all milestones and one of them."""
+        """Return the lengths (N,) of the straight motions from all milestones to one of them."""
         return np.sqrt(squares(self._roadmap.ways_to(milestone)))
 
     def _forget(self) -> None:
@@ -286,7 +287,7 @@ class SafePRM(SafePlanner):
         self._margin.reset()
 
     def _restart_roadmap(self, ptc: Any) -> None:
-        """Forget all milestones but starts and goals."""
+        """Clear all milestones except starts and goals, and draw new ones."""
         old = self._roadmap
         self._forget()
         for start in old.starts:
