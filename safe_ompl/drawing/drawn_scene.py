@@ -1,4 +1,4 @@
-"""Robot, paths, scene and floor as surfaces, and the camera that shows most of them."""
+"""Tessellate robot, paths, scene and floor for drawing, and choose the camera that shows most of them."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ class Camera:
     def framing(
         cls, points: FloatArray, azimuth: float, elevation: float, size: tuple[int, int], field_of_view: float = 0.5
     ) -> Camera:
-        """Return the camera that looks from a direction and holds all `points: (P, 3)` [m], as near as it can.
+        """Return the nearest camera in a given direction that has all `points: (P, 3)` [m] in view.
 
-        The direction, from the points to the camera, is given by azimuth about z and elevation [rad]. Raises InputError
-        if the picture, `size` [px], has no pixels.
+        Azimuth about z and elevation [rad] give the direction from the points to the camera. Raises InputError if the
+        picture, `size` [px], has no pixels.
         """
         if min(size) < 1:
             raise InputError(f"a picture needs at least 1 pixel; got {size[0]} by {size[1]}")
@@ -102,7 +102,7 @@ def in_picture(camera: Camera, points: FloatArray, size: tuple[int, int]) -> Flo
 
 
 def viewing_rays(camera: Camera, size: tuple[int, int], pixels: IntArray) -> FloatArray:
-    """Return the ways of the rays (P, 3) of some pixels, numbered row by row, per metre of depth."""
+    """Return the directions (P, 3) of the rays of pixels, per metre of depth. Pixels are numbered row by row."""
     back, right = camera.axes()
     half = np.tan(camera.field_of_view / 2) / (size[1] / 2)
     row, column = np.divmod(pixels, size[0])
@@ -132,16 +132,16 @@ class DrawnScene:
         self._set_scene(scene)
 
     def surroundings(self, without: Collection[str] = ()) -> list[ColouredSurface]:
-        """Return everything but the robot, and without some obstacles."""
+        """Return the surfaces of the scene and the pedestal, without the named obstacles."""
         left = [group for name, group in self.groups.items() if name not in without]
         return [thing for group in left for thing in group] + self.pedestal
 
     def trace(self, samples: FloatArray) -> FloatArray:
-        """Return the way of the tip (S, 3) [m] through configurations `samples: (S, n)`."""
+        """Return the positions (S, 3) [m] of the tip at configurations `samples: (S, n)`."""
         return np.asarray(self.robot.keypoints_batch(samples)[:, -1])
 
     def skeletons(self) -> FloatArray:
-        """Return points (P, 3) along the links of the robot, on its way along all paths."""
+        """Return points (P, 3) on the links of the robot, sampled along all paths."""
         points = np.concatenate([self.robot.keypoints_batch(samples[::10]) for samples in self.samples])
         ends = points[:, self.robot.segments]
         shares = np.array([0.25, 0.5, 0.75, 1.0])[:, None]
@@ -156,7 +156,7 @@ class DrawnScene:
         return np.vstack([self._actors, centre + around / np.maximum(far, 1.0)])
 
     def _set_scene(self, scene: Scene) -> None:
-        """Sort the scene into what is dangerous, what is not, and the ground, on which all else stands."""
+        """Find the dangerous obstacles and the height of the floor. A large flat lowest obstacle becomes the floor."""
         drawn, self.hazards = scene_surfaces(scene)
         lows = [_lowest(thing) for group in drawn.values() for thing in group]
         self.floor = lowest = min([float(self._actors[:, 2].min()), *lows])  # [m]
@@ -197,7 +197,7 @@ def _lowest(thing: ColouredSurface) -> float:
 
 
 def _carries(thing: ColouredSurface, centre: FloatArray, bottom: float, gap: float) -> bool:
-    """Whether a thing reaches up to (almost) the bottom of what stands at `centre: (2,)`."""
+    """Return whether a surface lies below `centre: (2,)` and reaches up to almost the height `bottom` [m]."""
     low, high = thing.surface.vertices.min(axis=0), thing.surface.vertices.max(axis=0)
     beneath = bool((low[:2] < centre).all() and (centre < high[:2]).all())
     return beneath and low[2] < bottom + 0.01 and high[2] > bottom - 0.3 * gap
@@ -217,7 +217,7 @@ _DEPTH_TOLERANCE, _FINE_DEPTH_TOLERANCE = 0.03, 0.012
 
 
 def best_view(drawn: DrawnScene, size: tuple[int, int]) -> Camera:
-    """Return the camera that shows most of the robot's motion and of what it keeps away from; `size` is in pixels."""
+    """Return the camera that shows most of the robot's motion and of the dangerous obstacles; `size` is in pixels."""
     landmarks = drawn.landmarks()
     if np.ptp(drawn.skeletons()[:, 2]) < 0.01 * drawn.size:  # best seen from above
         return Camera.framing(landmarks, -np.pi / 2, np.pi / 2, size)
@@ -226,7 +226,7 @@ def best_view(drawn: DrawnScene, size: tuple[int, int]) -> Camera:
 
 
 class _Merit:
-    """The merit of a view: how much is seen of motion and hazards, most of all of the nearest part of these."""
+    """Score a view by the visible shares of motion and hazards. The nearest part of the hazards counts most."""
 
     def __init__(self, drawn: DrawnScene) -> None:
         self._links = drawn.skeletons()

@@ -1,4 +1,4 @@
-"""Colours and lines of planners, caps and levels of danger: each looks the same in every picture."""
+"""Colours and line styles of planners, speed limits and danger levels, which are the same in all pictures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Colour = tuple[float, float, float]
 
 
 class PlannerStyle(NamedTuple):
-    """Looks of a planner."""
+    """The colour and line style of a planner."""
 
     # The colour of its curves, boxes and robots.
     colour: Colour
@@ -49,7 +49,7 @@ _OTHER_DASHES: tuple[tuple[float, ...], ...] = ((4.0, 1.5), (1.2, 1.2), (6.0, 1.
 
 
 def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
-    """Return the looks of planners by name.
+    """Return the colours and line styles of planners by name.
 
     Safe planners get a strong colour and a solid line, "Classic…" ones a pale tone of the same hue and dashes, those as
     printed ("Paper…") the same colours with dots, today's practice ("OMPL …") a red, and all others slate greys in
@@ -93,7 +93,7 @@ _OTHER_CAPS = ("#596675", "#3a444f", "#aab2ba")
 
 
 def cap_colours(names: Iterable[str]) -> dict[str, Colour]:
-    """Return the colours of what bounds the speed of a motion, by name; that of accelerations among them."""
+    """Return the colours of speed limits by name. The acceleration limit is always included."""
     others = cycle(_OTHER_CAPS)
     colours = {ACCELERATION: _from_hex(_CAPS[ACCELERATION])}
     for name in dict.fromkeys(names):
@@ -131,7 +131,7 @@ def level_colours(levels: FloatArray, most: float) -> Bytes:
 
 
 def as_bytes(colours: FloatArray | Colour) -> Bytes:
-    """Return colours with values from 0 to 1 as whole numbers from 0 to 255."""
+    """Convert colours from [0, 1] to whole numbers from 0 to 255."""
     return np.asarray(np.rint(255.0 * np.clip(colours, 0.0, 1.0)), dtype=np.uint8)
 
 

@@ -1,4 +1,4 @@
-"""`safe-ompl live`: a robot beside people and things that move, in simulated time."""
+"""Command `live`: simulate a robot among moving people and objects."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def add_commands(commands: Any) -> None:
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
-    """Check what the options name, and return the job."""
+    """Validate the options and return a function that runs the command."""
     scenario = arguments.load_scenario(options.scenario, options.package_dir)
     faults = Faults(options.noise, options.drops, options.late, options.seed, min(Faults.latency, options.tick))
     robot = scenario.build_robot()
@@ -113,7 +113,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         replanner = Replanner(robot, around, options=ReplanningOptions(options.tick), prover=setup.motion_prover)
         return Simulation(replanner, ways, found.people, found.objects, faults=faults)
 
-    # This reports what cannot be used before the simulation starts.
+    # Building a simulation here reports bad input before the planning starts.
     world([])
     return partial(_drive, scenario, setup, world=world, options=options)
 
@@ -124,7 +124,7 @@ def _drive(
     world: Callable[[Sequence[Trajectory] | Route], Simulation],
     options: argparse.Namespace,
 ) -> int:
-    """Plan there and back, or between all places in any order, and drive that again and again."""
+    """Plan from start to goal and back, or between all places in any order, and execute the paths repeatedly."""
     if options.any_order:
         return _simulate(world(_route(scenario, setup, options)), options)
     robot, prover = setup.robot, setup.motion_prover
@@ -137,7 +137,7 @@ def _drive(
 
 
 def _route(scenario: Scenario, setup: SafeSetup, options: argparse.Namespace) -> Route:
-    """Plan between each two of the start and the goal's configurations."""
+    """Plan paths between all pairs of the start and the configurations of the goal."""
 
     def to_and_fro(start: FloatArray, goal: FloatArray) -> list[Trajectory]:
         setup.setConfigurations(start, goal)
@@ -153,7 +153,7 @@ def _route(scenario: Scenario, setup: SafeSetup, options: argparse.Namespace) ->
 def _drive_program(
     scenario: Scenario, people: People, actors: Actors, faults: Faults, options: argparse.Namespace
 ) -> int:
-    """Plan the program of a scenario among what stands still, and drive it once."""
+    """Plan the program of a scenario among the static obstacles, and execute it once."""
     result = plan_program(scenario, time=options.time or PROGRAM_TIME, seed=options.seed)
     if not result:
         output.error_console().print(f"safe-ompl: no motion: {result.why}")
@@ -179,7 +179,7 @@ def _drive_program(
 def program_segments(
     result: ProgramResult, around: Callable[[Scene], Surroundings], options: ReplanningOptions
 ) -> list[Segment]:
-    """Return what is driven of a program that is planned; `around` says who is around the obstacles of a scene."""
+    """Return the segments of a planned program. `around` adds people and moving objects to a scene."""
     program, own = result.scenario.program, result.scenario.motion
     assert program is not None
     segments: list[Segment] = []
@@ -198,7 +198,7 @@ def program_segments(
 
 
 def _simulate(simulation: Simulation, options: argparse.Namespace) -> int:
-    """Simulate, and write ticks and summary."""
+    """Run the simulation, and write the ticks and the summary."""
     folder, robot = Path(options.out), simulation.replanner.robot
     header = simulation.log_header()
     with ExitStack() as stack:
@@ -269,7 +269,7 @@ class Actors:
 
 
 def choose_actors(scenario: Scenario, robot: Robot, people: People, options: argparse.Namespace) -> Actors:
-    """Return the people and objects that the options name, and those that may move by the scenario's limits."""
+    """Return the people and objects that the options name, and the obstacles that move by the scenario's limits."""
     found = Actors(scenario.scene)
     base = np.asarray(robot.keypoints(scenario.start_configuration(robot))[0])
     if options.people is None:
@@ -305,7 +305,7 @@ def _free_name(word: str, taken: tuple[str, ...]) -> str:
 
 
 def _recorded(scenario: Scenario, options: argparse.Namespace) -> dict[str, PersonMover]:
-    """Return the person who plays the recording, in the place of the scenario's first one if there is one."""
+    """Return the person who plays the recording, at the pose of the scenario's first person if there is one."""
     if not Path(options.people).is_file():
         raise InputError(
             f"must be a file of recordings, {RANDOM} or {RANDOM}:N, and there is no file {options.people!r}", "--people"
@@ -322,7 +322,7 @@ def _recorded(scenario: Scenario, options: argparse.Namespace) -> dict[str, Pers
 
 
 def _instead_of(pose: Any, recording: Recording, body: TrackedBody) -> Pose:
-    """Return the place of a recording that puts its first frame where a person stands, facing the same way."""
+    """Return the pose of a recording at which its first frame has a person's position and orientation."""
     points, _ = body.completed(recording.skeleton.keypoints(recording.frames[0]))
     turn = pose.se3.rotation @ facing(points).T
     hips = pose.se3.act(body.height * PELVIS)

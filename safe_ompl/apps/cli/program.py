@@ -1,4 +1,4 @@
-"""The program `safe-ompl`: its commands and exit status, and the small ones: `scenarios`, `robots`, `doctor`."""
+"""The program `safe-ompl`: parser, exit status, and the commands `list` and `doctor`."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ _EPILOG = "exit status: 0 solved, 1 not solved, 2 bad input"
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run `safe-ompl` with the words after its name, by default those of the process, and return the exit status.
+    """Run `safe-ompl` with arguments, by default those of the process, and return the exit status.
 
-    That is 0 if solved, 1 if not, 2 on bad input, 130 if interrupted.
+    The status is 0 if solved, 1 if not solved, 2 for bad input, 130 if interrupted, 141 if a pipe was closed.
     """
     try:
         words = (sys.argv[1:] if words is None else words) or ["--help"]
@@ -101,7 +101,7 @@ def command_line(command: str | None = None) -> argparse.ArgumentParser:
 
 
 def add_commands(commands: Any) -> None:
-    """Add `scenarios`, `robots` and `doctor` to the commands."""
+    """Add `list` and `doctor` to the commands."""
     arguments.add_parser(commands, "list", lambda _: list_all, "list the scenarios and the example robots")
     arguments.add_parser(
         commands,

@@ -1,4 +1,4 @@
-"""`safe-ompl ros` and `guard`: nodes of ROS 2 that drive a robot beside people and things that move."""
+"""Commands `ros` and `guard`: ROS 2 nodes that move a robot among moving people and objects."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def add_commands(commands: Any) -> None:
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what both take."""
+    """Add the options that both commands have."""
     arguments.add_scenario(parser)
     option(parser, "--people NAME[,…]", f"who is tracked, or {_NOBODY}; default: the scenario's", arguments.names)
     option(parser, "--skeleton NAME", "key points of people, such as coco17; default: those of the package")
@@ -95,7 +95,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
-    """Check what the options name, and return the job."""
+    """Validate the options and return a function that runs the command."""
     output.need_extra("ros")
     output.need_extra("mcap")
     if options.controller:
@@ -115,7 +115,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 
 
 def trackers_of(scenario: Scenario, options: argparse.Namespace) -> dict[str, Tracker]:
-    """Return how the people that the options name are tracked; those of the scenario are as tall as there."""
+    """Return a tracker for each person that the options name. People of the scenario have its heights."""
     skeleton = ALL_KEYPOINTS if options.skeleton is None else in_metres(find_skeleton(options.skeleton))
     heights = {one.name: one.shape.height for one in scenario.scene if isinstance(one.shape, Person)}
     tracked = tuple(heights) if options.people is None else options.people
@@ -133,7 +133,7 @@ def trackers_of(scenario: Scenario, options: argparse.Namespace) -> dict[str, Tr
 
 
 def _run(scenario: Scenario, trackers: dict[str, Tracker], control: ControlOptions, options: argparse.Namespace) -> int:
-    """Start the node, and drive the robot until Ctrl-C."""
+    """Start the node and control the robot until Ctrl-C."""
     from safe_ompl.live.ros import McapLog, RosNode, lookup_of, ros_context  # needs the extras
 
     around = scenario.scene.without(*(name for name in scenario.scene.names if name in trackers))
@@ -173,7 +173,7 @@ def cell_of(
             return legs_of(limited, robot, start, among, control, options)
 
         return Cell(program_robot(limited), trackers, moving, work, program=True, moving=described)
-    # This reports what cannot be used before the node starts.
+    # Building a setup here reports bad input before the node starts.
     setup_scenario(limited, robot)
 
     def plan(start: FloatArray, goal: Any, cloud: Obstacle | None) -> Replanner | Shield:
@@ -226,7 +226,7 @@ def legs_of(
 
 
 def rehearse(options: argparse.Namespace, control: ControlOptions) -> None:
-    """Drive a small robot in memory: that compiles every kernel that a tick calls, whatever the robot."""
+    """Simulate a small robot, so that every kernel that a tick calls is loaded before the node starts."""
     shield = options.shield or bool(options.controller)
     usual = argparse.Namespace(time=None, seed=0, simplify=options.simplify, shield=shield)
     found = Scenario.load("planar2")
