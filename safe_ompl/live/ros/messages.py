@@ -1,8 +1,9 @@
-"""Messages of ROS 2 and their bytes (CDR), without ROS: what logs and the node write, and what the node reads.
+"""Encoding and decoding of ROS 2 messages (CDR) without ROS, for logs and for the node.
 
-A message that is written is a mapping with the keys of its type; what is missing is zero, empty or false. One that is
-read has the fields of its type as attributes, and becomes arrays in the world. The definitions are those of ROS 2
-Humble, which later releases share for all types that are used here. Times of messages are whole nanoseconds.
+A message to write is a mapping with the keys of its type; missing fields are zero, empty or false. A message that was
+read has the fields of its type as attributes, and is converted to arrays in the world frame. The definitions are those
+of ROS 2 Humble; later releases have the same definitions of all types used here. Times of messages are whole
+nanoseconds.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ Message = dict[str, Any]
 
 @cache
 def types_of_ros() -> Any:
-    """Return the types of ROS 2 Humble; needs the extra `mcap`, which reading of messages does without."""
+    """Return the type store of ROS 2 Humble; this needs the extra `mcap`."""
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS2_HUMBLE)
@@ -62,7 +63,7 @@ def encoded(kind: str, content: Mapping[str, Any]) -> bytes:
 
 
 def decoded(kind: str, data: bytes) -> Any:
-    """Return the message of a type that bytes hold; its fields are attributes, numbers are arrays."""
+    """Decode the bytes of a message of a type; its fields are attributes, and sequences of numbers are arrays."""
     return types_of_ros().deserialize_cdr(data, kind)
 
 
@@ -78,7 +79,7 @@ def _filled(kind: str, content: Mapping[str, Any]) -> Any:
 
 
 def _value(field: Any, given: Any) -> Any:
-    """Return the value of a field as rosbags wants it; None is the default."""
+    """Return the value of a field in the form of rosbags; None means the default value."""
     kind, detail = field
     if kind == _NAME:
         return _filled(detail, given or {})
@@ -160,10 +161,10 @@ def people_markers(time: int, people: Mapping[str, Mapping[str, ArrayLike]]) -> 
 
 
 def diagnostics(time: int, name: str, tick: Mapping[str, Any]) -> Message:
-    """Return what a tick says of the robot as a `diagnostic_msgs/DiagnosticArray`, with all that is not an array.
+    """Return a tick as a `diagnostic_msgs/DiagnosticArray`, with all values that are not arrays.
 
-    The level is OK while the robot moves or has arrived, WARN while it brakes or stands, and ERROR after somebody moved
-    farther than promised.
+    The level is OK while the robot moves or has arrived, WARN while it brakes or stands, and ERROR after somebody left
+    their reach set.
     """
     level = OK if tick["state"] in ("moving", "slowed", "done") else WARN
     level = ERROR if tick.get("obeyed") is False else level
@@ -181,7 +182,7 @@ def diagnostics(time: int, name: str, tick: Mapping[str, Any]) -> Message:
 
 
 def obstacle_markers(time: int, obstacles: Iterable[Obstacle]) -> Message:
-    """Return obstacles from a time [ns] on."""
+    """Return obstacles as markers from a time [ns] on."""
     found = {}
     for obstacle in obstacles:
         look = obstacle.color or (_DANGEROUS if obstacle.weight > 0 else _OBSTACLE_COLORS)
@@ -199,7 +200,7 @@ def obstacle_markers(time: int, obstacles: Iterable[Obstacle]) -> Message:
 
 
 def _markers(time: int, found: Mapping[str, Sequence[Message]]) -> Message:
-    """Return markers by name, in the world and in the place of all before."""
+    """Return markers by name in the world frame; they replace all earlier markers."""
     head = header(time, WORLD)
     markers: list[Message] = [{"header": head, "action": _DELETE_ALL}]
     for name, solids in found.items():
@@ -211,10 +212,10 @@ def _markers(time: int, found: Mapping[str, Sequence[Message]]) -> Message:
 
 
 class FramePlaces:
-    """Where frames are in the world: the world itself, links that the robot's joints do not move, and given ones.
+    """Poses of frames in the world: the world itself, links that the robot's joints do not move, and given frames.
 
-    Other frames are looked up: `lookup(target, frame, header)` is where a frame is in a target at the stamp of the
-    header; None if that is not known.
+    Other frames are looked up: `lookup(target, frame, header)` returns the pose of a frame in the target frame at the
+    stamp of the header, or None if it is unknown.
     """
 
     def __init__(
@@ -226,7 +227,7 @@ class FramePlaces:
         self._places |= {WORLD: pin.SE3.Identity(), **{name: pose.se3 for name, pose in given.items()}}
 
     def place(self, header: Any) -> pin.SE3:
-        """Return where the frame of a header is; raise InputError if that is not known."""
+        """Return the pose of a header's frame in the world; raise InputError if it is unknown."""
         if not header.frame_id:
             raise InputError("is empty: say in which frame it is", "frame_id")
         name = header.frame_id.removeprefix("/")
@@ -258,7 +259,10 @@ def stamp_of(header: Any) -> float:
 
 
 def rows_of(trajectory: Any, robot: Robot) -> Iterator[list[FloatArray] | None]:
-    """Yield positions, velocities and accelerations (n,) of all points; None: none has them. Errors as `by_name`."""
+    """Yield the positions, velocities and accelerations (n,) of all points; None if no point has them.
+
+    Errors as `by_name`.
+    """
     for key in ("positions", "velocities", "accelerations"):
         rows = [getattr(point, key) for point in trajectory.points]
         names = trajectory.joint_names
@@ -268,9 +272,9 @@ def rows_of(trajectory: Any, robot: Robot) -> Iterator[list[FloatArray] | None]:
 def people_of_markers(message: Any, skeleton: Skeleton, frames: FramePlaces) -> tuple[float, dict[str, FloatArray]]:
     """Return the time [s] of a `MarkerArray` and the key points (J, 3) of its people [m]; NaN: not seen.
 
-    The namespace is the person. The text is the name of the key point; without a text the id is its number. Raises
-    InputError if there is no marker, a stamp is missing, a frame is not known, or a key point is not one of the
-    skeleton's.
+    The namespace is the name of the person. The text is the name of the key point; without a text the id is its index.
+    Raises InputError if there is no marker, a stamp is missing, a frame is unknown, or a key point does not belong to
+    the skeleton.
     """
     people: dict[str, FloatArray] = {}
     shown = [marker for marker in message.markers if marker.action not in (_DELETE, _DELETE_ALL)]
@@ -279,7 +283,7 @@ def people_of_markers(message: Any, skeleton: Skeleton, frames: FramePlaces) -> 
         if not stamps:
             raise InputError("has no markers, and so no time", "markers")
         return max(stamps), {}
-    # The earliest stamp counts, because the person could move farther since then.
+    # The earliest stamp counts, because it allows the person the longest time to move.
     time = min(stamp_of(marker.header) for marker in shown)
     index = {name: k for k, name in enumerate(skeleton.points)}
     for marker in shown:
@@ -298,18 +302,18 @@ def people_of_markers(message: Any, skeleton: Skeleton, frames: FramePlaces) -> 
 
 
 def pose_of(message: Any, frames: FramePlaces) -> tuple[float, Pose]:
-    """Return the time [s] of a `PoseStamped` and the pose in the world; raise InputError if there is none."""
+    """Return the time [s] of a `PoseStamped` and its pose in the world; raise InputError if one is invalid."""
     position, turn = message.pose.position, message.pose.orientation
     pose = Pose((position.x, position.y, position.z), (turn.x, turn.y, turn.z, turn.w))
     return stamp_of(message.header), Pose.of(frames.place(message.header) * pose.se3)
 
 
 def proposal_of(message: Any, robot: Robot) -> tuple[Motion | FloatArray, float | None]:
-    """Return what a `JointTrajectory` proposes, and when it begins [s]; None: at once, where it has no stamp.
+    """Return the proposal in a `JointTrajectory`, and its beginning [s]; None, at once, if it has no stamp.
 
-    It is the motion that a controller would make of its points; or, where the first point has no positions, the
-    velocities (n,) of that point. Raises InputError if a joint is missing, a number is not finite, or it is no motion
-    as `Motion.hermite` says.
+    The proposal is the motion that a controller would interpolate through the points. If the first point has no
+    positions, the proposal is the velocities (n,) of this point. Raises InputError if a joint is missing or a number is
+    not finite; other errors as `Motion.hermite`.
     """
     points = message.points
     if not points:
@@ -331,7 +335,7 @@ def cloud_of(message: Any, radius: float, frames: FramePlaces) -> tuple[float, F
 
 
 def _keypoint(place: Any, frame: pin.SE3) -> FloatArray:
-    """Return where a key point of a frame is in the world (3,); NaN: not seen."""
+    """Return the position (3,) of a key point in the world [m]; NaN: not seen."""
     given = np.array([place.x, place.y, place.z], dtype=float)
     if not np.isfinite(given).all() and not np.isnan(given).all():
         raise InputError(f"must be finite, or all NaN where it is not seen, got {given.tolist()}", "key point")
@@ -339,7 +343,7 @@ def _keypoint(place: Any, frame: pin.SE3) -> FloatArray:
 
 
 def by_name(names: Collection[str], values: Collection[float], wanted: Collection[str]) -> FloatArray:
-    """Return the values of the wanted joints (n,), whatever their order; raise InputError if one is missing or NaN."""
+    """Return the values (n,) of the `wanted` joints in their order; raise InputError if one is missing or NaN."""
     if len(names) != len(values):
         raise InputError(f"must be as many as the {len(names)} names, got {len(values)}", "position")
     given: Mapping[str, float] = dict(zip(names, values, strict=True))
@@ -353,7 +357,7 @@ def by_name(names: Collection[str], values: Collection[float], wanted: Collectio
 
 
 def goal_of(robot: Robot, names: Collection[str], position: Collection[float]) -> FloatArray:
-    """Return the configuration (n,) of a message; raise InputError as `by_name`, and outside the limits."""
+    """Return the goal configuration (n,) of a message; errors as `by_name`, and InputError outside the limits."""
     q = by_name(names, position, robot.joint_names)
     for k in np.flatnonzero((q < robot.lower) | (q > robot.upper)):
         raise InputError(f"is out of the limits of {robot.joint_names[k]!r}: {q[k]:g}", "position")

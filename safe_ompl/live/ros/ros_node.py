@@ -1,9 +1,10 @@
-"""A thin node of ROS 2 around `LiveController`: it decodes messages, and publishes commands, diagnostics and markers.
+"""A thin ROS 2 node around `LiveController`: it decodes messages, and publishes commands, diagnostics and markers.
 
-In front of a controller it serves the action `control_msgs/action/FollowJointTrajectory`, around a `TrajectoryGuard`.
+With a `TrajectoryGuard` the node serves the action `control_msgs/action/FollowJointTrajectory` in front of a
+controller of ros2_control.
 
-ROS (rclpy, and the packages of the messages) is imported when a node is started. Messages pass as bytes, which
-`messages` makes and reads, so that a message that cannot be read is an error of that message only.
+ROS (rclpy, and the packages of the messages) is imported when a node is started. Messages are passed as bytes, which
+`messages` encodes and decodes, so that an invalid message causes an error for this message only.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from safe_ompl.scene import Scene
 
 NODE = "safe_ompl"
 CLOUD, POSE = "sensor_msgs/msg/PointCloud2", "geometry_msgs/msg/PoseStamped"
-# The same complaint is repeated after this time.
+# The same warning is repeated after this time at the earliest.
 _AGAIN = 5.0  # [s]
 # The interval of the search for other nodes that command the same robot.
 _CHECK = 1.0  # [s]
@@ -61,7 +62,7 @@ def ros_context(arguments: Sequence[str]) -> Iterator[Any]:
 
 
 def message_class(kind: str) -> Any:
-    """Return the class of rclpy for a type, such as `messages.JOINT_STATE`; raise InputError if it is not there."""
+    """Return rclpy's class of a type, such as `messages.JOINT_STATE`; raise InputError if it is not installed."""
     package, _, name = kind.split("/")
     try:
         return getattr(import_module(f"{package}.msg"), name)
@@ -80,7 +81,7 @@ def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
 
 
 def lookup_of(node: Any) -> Callable[[str, str, Any], pin.SE3 | None] | None:
-    """Return how `FramePlaces` looks up other frames: with tf2, if it is there."""
+    """Return the function by which `FramePlaces` looks up other frames with tf2; None without tf2."""
     try:
         tf2 = import_module("tf2_ros")
     except ImportError:
@@ -104,8 +105,8 @@ def lookup_of(node: Any) -> Callable[[str, str, Any], pin.SE3 | None] | None:
 class RosNode:
     """Connects a controller, whose clock is the node's, with topics; `run` calls it until it is interrupted.
 
-    Sensors are in `frames`, what is drawn around the robot is `scene`, and `log` takes the ticks. In front of a
-    `guarded` controller of ros2_control it serves an action: trajectories take the place of goals.
+    `frames` has the poses of sensor frames, `scene` the obstacles to draw, and `log` takes the ticks. With a `guarded`
+    controller of ros2_control the node serves an action, and trajectories take the place of goals.
     """
 
     def __init__(
@@ -142,11 +143,11 @@ class RosNode:
         self._show(scene)
 
     def run(self, ready: Callable[[], None]) -> None:
-        """Say that the node is ready, and drive the robot until Ctrl-C or SIGTERM; only for the main thread."""
+        """Call `ready`, and control the robot until Ctrl-C or SIGTERM; call it in the main thread only."""
         executor = import_module("rclpy.executors").SingleThreadedExecutor()
         executor.add_node(self._node)
         stopped = Event()
-        # An exception of a signal could come inside compiled code or a callback, and be lost there.
+        # Signals only set an event, because an exception could be raised and lost inside compiled code or a callback.
         before = {number: signal.signal(number, lambda *_: stopped.set()) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             ready()
@@ -161,17 +162,17 @@ class RosNode:
     # -------------------------------------------------------------------------------------------------- messages
 
     def _publisher(self, kind: str, topic: str, *, latched: bool = False) -> Callable[[Mapping[str, Any]], None]:
-        """Return what publishes plain data as messages of a type."""
+        """Return a function that publishes mappings as messages of a type."""
         publisher = self._node.create_publisher(message_class(kind), topic, _quality(latched=latched))
         return lambda content: publisher.publish(messages.encoded(kind, content))
 
     def _subscribe(self, kind: str, topic: str, take: Callable[[Any], object], *, reliable: bool = False) -> None:
-        """Give the messages of a topic to `take`; a bad one is reported, and the node continues."""
+        """Pass the messages of a topic to `take`; errors of a message are logged, and the node continues."""
 
         def received(data: bytes) -> None:
             try:
                 take(messages.decoded(kind, data))
-            # A node must survive every message.
+            # No message may end the node.
             except Exception as error:
                 self._complain(f"{topic}: {' '.join(str(error).split()) or type(error).__name__}")
 
@@ -180,14 +181,14 @@ class RosNode:
         self._node.create_subscription(message_class(kind), topic, received, quality, raw=True)
 
     def _complain(self, what: str) -> None:
-        """Log a line, at most once in some seconds."""
+        """Log a warning, the same one at most once in five seconds."""
         now = self._node.get_clock().now().nanoseconds / messages.SECOND
         if abs(now - self._said.get(what, -np.inf)) > _AGAIN:
             self._said = {what: now, **{said: time for said, time in self._said.items() if abs(now - time) <= _AGAIN}}
             self._node.get_logger().warning(what)
 
     def _subscribe_to_all(self) -> None:
-        """Hand all that sensors and users say to the controller."""
+        """Subscribe to the topics of sensors and users, and pass their messages to the controller."""
         controller, cell, frames = self._controller, self._controller.cell, self._frames
 
         def joints(message: Any) -> None:

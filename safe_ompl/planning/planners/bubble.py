@@ -1,4 +1,4 @@
-"""BubblePlanner: bidirectional search that chains bubbles of free configuration space; and its volume trees."""
+"""BubblePlanner: bidirectional search along bubbles of free configuration space, and its volume trees."""
 
 from __future__ import annotations
 

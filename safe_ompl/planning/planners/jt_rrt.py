@@ -1,4 +1,4 @@
-"""SafeJTRRT: a tree that grows towards a place of the tip along the arm's Jacobian."""
+"""SafeJTRRT: a tree that grows towards a target of the tip by the arm's Jacobian."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ class SafeJTRRT(SafePlanner):
         self._margin.largest = self.clearance
 
     def _search(self, ptc: Any) -> FloatArray | None:
-        """SAFE_JT-RRT."""
+        """Run the paper's SAFE_JT-RRT."""
         while self._trees.arrived is None and not ptc():  # WS_DISTANCE(Q, x_g) ≥ D_Threshold
             self._decay.turn(self._rng)
             self._margin.begin(self._trees)
@@ -198,11 +198,11 @@ class SafeJTRRT(SafePlanner):
             approach.untried.append(new)
 
     def _still_serves(self, before: Query, now: Query) -> bool:
-        """Return whether the tree may go on: it grows from the start, to any place."""
+        """Return whether the tree is valid for the new query; it grows from the start, so the goal may change."""
         return super()._still_serves(before._replace(goal=now.goal), now)
 
     def _take_goals(self, ptc: Any, samples: int = 1) -> None:
-        """Take the place from the problem; the tree stays, and all of its nodes may be tried for another place."""
+        """Read the target from the problem; for a new target the tree is kept, and all nodes may be chosen again."""
         goal = self.getProblemDefinition().getGoal()
         if goal is not self._goal:
             self._goal, self._place = goal, goal.place
@@ -221,10 +221,10 @@ STALLED = 0.995
 
 
 class Approach(Trees):
-    """A tree that is to bring the tip to a goal in the workspace, and which of its nodes were not chosen yet.
+    """A tree towards a goal in the workspace, with the order in which its nodes are chosen.
 
-    The tree of the goals stays empty. `distances` are those of the tip from the goal, WS_DISTANCE, for each node,
-    `untried` nodes that may be chosen and are not ranked yet, and `arrived` is the first node at the goal.
+    The tree of the goals stays empty. `distances` has the distance of the tip from the goal, WS_DISTANCE, for each
+    node. `untried` are nodes that may be chosen and are not ranked yet. `arrived` is the first node at the goal.
     """
 
     def __init__(self, bridge: StateBridge, cost: StateCost, counts: Counts, goal: WorkspaceGoal | None) -> None:
@@ -232,7 +232,7 @@ class Approach(Trees):
         self.aim(goal)
 
     def aim(self, goal: WorkspaceGoal | None) -> None:
-        """Head for another goal; the tree stays, and all of its nodes may be tried for it."""
+        """Set another goal; the tree is kept, and all of its nodes may be chosen again."""
         self._goal = goal
         self.distances: list[float] = []
         self.untried: list[int] = []
@@ -242,20 +242,20 @@ class Approach(Trees):
         self._drawn: set[int] = set()
 
     def measure(self) -> None:
-        """Note the distance of the tip from the goal at new nodes, and which node is the first at the goal."""
+        """Compute the distance of the tip from the goal at new nodes, and note the first node at the goal."""
         if self._goal is None:
             return
         for node in range(len(self.distances), len(self.start)):
             self.note(self._goal.place.distance(self.start.configurations[node]))
 
     def note(self, distance: float) -> None:
-        """Note the distance of the tip from the goal at the first node of which it is not known."""
+        """Store the distance of the tip from the goal for the first node without a distance."""
         if self._goal is not None and self.arrived is None and distance < self._goal.tolerance:
             self.arrived = len(self.distances)
         self.distances.append(distance)
 
     def take(self, goal: WorkspaceGoal) -> None:
-        """Head for a goal, with all nodes if it is another one; measure new nodes, and let them be chosen."""
+        """Set the goal, measure new nodes, and add them to the nodes to choose; a new goal resets all nodes."""
         if goal is not self._goal:
             self.aim(goal)
         self.untried += range(len(self.distances), len(self.start))
@@ -299,7 +299,7 @@ class Approach(Trees):
         return self.start.branch(int(np.argmin(self.distances)))
 
     def graph(self) -> PlannerGraph:
-        """Return what has been built: the goal is where the tree arrived."""
+        """Return the graph of the tree; its goal is the node that arrived."""
         goals = [] if self.arrived is None else [self.arrived]
         return super().graph()._replace(goals=np.array(goals, dtype=np.intp))
 
@@ -316,7 +316,7 @@ class GoalStep:
         self._limits: StepLimits
 
     def aim(self, place: Place) -> None:
-        """Head for another place of the tip."""
+        """Set another target of the tip."""
         self._place, self._limits = place, motion_limits(place.robot)
 
     def at(self, q: FloatArray, distance: float, downhill: FloatArray | None) -> FloatArray:
