@@ -226,8 +226,7 @@ class Simulation:
     The trajectories are followed in order, and then again from the first; each begins where the previous one ends. Or
     the places of a `Route` are visited in any order. `summary` is complete at the end of the simulation. The search for
     contacts takes most of the time; set `monitor` to None to skip it. `reactions` are the times from measurements to
-    their commands on the `clock` [s]. `follow` may be set to a function that is called with each new command. It
-    returns "" if the robot accepts the command, else the reason why the robot continues with the previous command.
+    their commands on the `clock` [s].
     """
 
     clock = staticmethod(perf_counter)
