@@ -1,7 +1,4 @@
-"""`safe-ompl doctor`: what is installed, and what of it fails; it compiles kernels that the wheel does not hold.
-
-These are those of pictures. Kernels are compiled for one kind of arguments, whatever the robot.
-"""
+"""Command `doctor`: list the installed requirements with their versions, and try planning and the installed extras."""
 
 from __future__ import annotations
 
@@ -22,12 +19,15 @@ from safe_ompl.common import PlanningError
 from safe_ompl.planning import setup_scenario
 from safe_ompl.version import __version__
 
-# The time limit [s] is long, so that a slow machine ends, too.
+# The time limit [s] is long, so that a slow machine finds a path, too.
 _SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 60.0
 
 
 def examine() -> int:
-    """Show versions beside those that fit, and try all that is installed; return 0 if nothing needed lacks or fails."""
+    """Print installed and required versions, and try all that is installed.
+
+    Returns 0 if nothing that is needed is missing or fails.
+    """
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_row("safe-ompl", __version__, "")
     python = metadata("safe-ompl")["Requires-Python"] or ""
