@@ -288,8 +288,8 @@ def ceilings(
 
 
 def drive(
-    const double[::1] edges, const double[::1] squared_limits, const double[::1] brakes, const double[::1] ceiling, double s,
-    double x, double acceleration_share, double tick,
+    const double[::1] edges, const double[::1] squared_limits, const double[::1] brakes, const double[::1] ceiling,
+    double s, double x, double acceleration_share, double tick,
 ):
     """Return a motion of one tick [s] from (s, ṡ² = x), and the stop after it: cells (W,), s, x and t (W + 1,).
 

@@ -202,7 +202,7 @@ cdef class Growth:
     Attributes
     ----------
     slide : float
-        How far new nodes move sideways at most, down the gradient of the danger, as a share of the reach; 0: not at all.
+        The largest sideways motion of new nodes down the gradient of the danger, as a share of the reach; 0: none.
     rise : float
         The share by which the threshold on danger rises after every eight refusals; 0: there is none.
     """
@@ -338,7 +338,7 @@ cdef class Growth:
         self._begin(None, reach)
         try:
             path = self._contracted(path, stop, clearance)
-            for k in range(1, rounds):
+            for _ in range(1, rounds):
                 shorter = self._contracted(self._halved(path), stop, clearance)
                 # Where few middles can be left out again the band is as tight as it may be.
                 if 2 * len(shorter) > 3 * len(path):
@@ -383,7 +383,7 @@ cdef class Growth:
         return at + 1
 
     cdef bint _is_as_safe(self, const double[:, ::1] path) except -1:
-        """Return whether the straight motion between the ends of a path (N, n) has neither more danger, nor a higher peak.
+        """Return whether the straight motion between the ends of a path (N, n) adds neither danger nor a higher peak.
 
         The danger of motions is its integral along them.
         """
