@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # within 5 % of the best path that was known. With up to seven starts, as there were then, 89 % of 180 runs did in the
 # scenes of bench/ways, in 4.5 times the time of one way. Up to five were chosen on those scenes and 60 others. In 26
 # more, 47 of 51 runs come as near with five as with seven, in 3.7 in place of 3.9 times the time.
-# Single starts whose trees grow a hundred times larger than those of others take most of the time in the slowest scene.
+# Single starts whose trees grow a hundred times larger than those of others take most of the time in one slow scene.
 _FEWEST, _MOST = 3, 5  # starts
 # Starts end when so many of them come to within this share of the cheapest: then another way is rarely cheaper.
 _AGREEING, _AGREEMENT = 2, 0.03
