@@ -44,7 +44,8 @@ LANES = ["safe_ompl.danger.lanes"]
 
 # Cython's code for memory views is compiled once, into this module, instead of into every module.
 SHARED = "safe_ompl.common.memoryviews"
-SHARED_SOURCE = f"build/memoryviews_{version('Cython').replace('.', '_')}.c"
+# Cython 3.2 names the module after the file, so the version stands in the name of the folder.
+SHARED_SOURCE = f"build/cython_{version('Cython')}/memoryviews.c"
 
 # Results must not depend on the compiler, so fused multiply-add (-ffp-contract) is off, and -ffast-math is never used.
 # The two -fno-… flags change no result; without them loops that take square roots are not vectorised.
@@ -106,11 +107,12 @@ class BuildModules(build_ext):
             sys.exit("there is no C compiler: install one (gcc or clang), or one from PyPI: pip install ziglang")
         os.environ["CC"] = own or ZIG
         if not Path(SHARED_SOURCE).exists():
-            Path("build").mkdir(exist_ok=True)
-            # Cython 3.2 takes the name of the file for that of a module, so it must be an identifier.
-            unfinished = SHARED_SOURCE.replace("memoryviews", "unfinished_memoryviews")
-            generate_shared_module(CompilationOptions(shared_c_file_path=unfinished, module_name=SHARED))
-            os.replace(unfinished, SHARED_SOURCE)
+            unfinished = Path("build/unfinished")
+            unfinished.mkdir(parents=True, exist_ok=True)
+            source = str(unfinished / "memoryviews.c")
+            generate_shared_module(CompilationOptions(shared_c_file_path=source, module_name=SHARED))
+            Path(SHARED_SOURCE).parent.mkdir(exist_ok=True)
+            os.replace(source, SHARED_SOURCE)
         ours = [module for module in self.extensions if module.name != SHARED]
         translated = cythonize(
             ours,
