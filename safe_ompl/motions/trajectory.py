@@ -207,7 +207,8 @@ class Trajectory:
         free = np.full(len(brakes) + 1, np.inf)
         # An empty first tick makes the robot brake fully from the beginning.
         _, edges, squared_speeds, _ = drive(self.law.edges[cell:], free[1:], brakes, free, at, rate * rate, -1.0, 0.0)
-        if len(edges) == 1:  # the robot is at rest
+        # The robot is at rest.
+        if len(edges) == 1:
             edges, squared_speeds = edges.repeat(2), np.zeros(2)
         law = self.law.stopped(begin, edges, squared_speeds)
         return Trajectory(self.curve, law, self.limits)

@@ -41,21 +41,31 @@ from safe_ompl.scene import Scene
 
 _POSTURES, _SEED = 2000, 0
 _SRDF_SAMPLES = 1000
-_ROOM = 0.03  # [m] that start and goal leave around the robot, where there are such
-_CHOICE = 12  # configurations on each side that may become start and goal
-_PLANNER, _TRIALS, _TRIAL_TIME = "SafeRRTConnect", 24, 5.0  # who tries how many pairs of them, for how long each [s]
-_BESIDE = 0.35  # [m] from where the robot reaches to the middle of the person
-_PASSES = 0.06  # [m] that the straight path from start to goal leaves to the person, and half a step more at most
-_PERSON_STEP = 0.02  # [m] by which the person comes nearer at least
-_STRAIGHT = 41  # configurations of the straight path that are looked at
+# Start and goal have this clearance, if such configurations are found.
+_ROOM = 0.03  # [m]
+# At most this many configurations on each side are candidates for start and goal.
+_CHOICE = 12
+# This planner tries at most this many pairs of candidates, each for this time.
+_PLANNER = "SafeRRTConnect"
+_TRIALS = 24
+_TRIAL_TIME = 5.0  # [s]
+# The person first stands this far outside of the robot's reach.
+_BESIDE = 0.35  # [m]
+# The straight path from start to goal passes the person at this distance, or up to the least step of the person more.
+_PASSES = 0.06  # [m]
+_PERSON_STEP = 0.02  # [m]
+# The number of configurations of the straight path whose clearance is computed.
+_STRAIGHT = 41
 # The way past the person matters where the planned path has no more than this share of the straight path's peak danger.
 _SAFER = 0.8
 _HEIGHT = 1.75  # [m]
-_SHARE = 0.1  # of the samples at least that are on either side of straight ahead
+# At least this share of the samples must be on either side of straight ahead.
+_SHARE = 0.1
 _PROGRAM_HEAD = (
     "# A program for safe-ompl; lengths in metres, angles in radians. What else there is: docs/programs.md\n"
 )
-_WAIST = 0.55  # share of their height that is below the middle of the robot's reach
+# The middle of the robot's reach is at this share of the person's height.
+_WAIST = 0.55
 
 
 def add_commands(commands: Any) -> None:
@@ -160,7 +170,8 @@ def _arm(
         joints = set(arm_joints(full, tip, mimics))
     else:
         joints = set(srdf.group_joints(group, full))
-    joints = joints - fingers or joints  # a hand alone has nothing but fingers
+    # A hand without an arm has only fingers.
+    joints = joints - fingers or joints
     joints |= {mimics[name].primary for name in joints if name in mimics}
     joints -= set(joints_without_range(full, joints))
     return group, tip, {name for name in joints if has_range(full, full.getJointId(name))}
@@ -293,8 +304,9 @@ class New:
             setup = SafeSetup(self.robot, Scene((near,)))
             assert setup.field is not None
             danger = setup.field.values(straight)
+            # No path is safer than its ends.
             if found and max(danger[0], danger[-1]) > _SAFER * danger.max():
-                continue  # no path is safer than its ends
+                continue
             setup.setConfigurations(left[i], right[k])
             result = setup.plan(_PLANNER, time=_TRIAL_TIME, seed=_SEED, simplify=True)
             if result.report is None or result.report.danger is None:
@@ -316,8 +328,9 @@ class New:
         x, y, z = person.pose.position
         away = np.array([x, y]) - self._shoulder[:2]
         left = length = float(np.linalg.norm(away))
+        checker = CollisionChecker(self.robot, Scene((person,)), movable=[person.name])
         while True:
-            checker = CollisionChecker(self.robot, Scene((person,)))
+            checker.move(Scene((person,)))
             spare = min(checker.clearance(q).distance for q in straight) - _PASSES
             left -= spare
             if spare < _PERSON_STEP or left < _PERSON_STEP:
