@@ -38,6 +38,14 @@ _MOST_LETTERS = 40
 RECORDING_ENDING = ".jsonl"
 
 
+def safety_facts(report: PathReport) -> list[str]:
+    """Describe mean and peak danger, and the least clearance, of a path; nothing that the scene does not have."""
+    facts = [] if report.danger is None else [f"danger: mean {report.danger.mean:.1f}, peak {report.danger.max:.1f}"]
+    if report.clearance.obstacle is not None:
+        facts.append(f"least clearance: {1e3 * report.clearance.min:.0f} mm")
+    return facts
+
+
 @dataclass(frozen=True)
 class ViewerContent:
     """The content of a view: a robot, its scene, its paths, and moving people and objects.
@@ -220,10 +228,7 @@ class ViewerContent:
         report = self.reports.get(name)
         if report is None:
             return []
-        said = [] if report.danger is None else [f"danger: mean {report.danger.mean:.1f}, peak {report.danger.max:.1f}"]
-        if report.clearance.obstacle is not None:
-            said.append(f"least clearance: {1e3 * report.clearance.min:.0f} mm")
-        return [*said, f"length: {report.length:.2f} rad"]
+        return [*safety_facts(report), f"length: {report.length:.2f} rad"]
 
     def along(self, name: str, shares: FloatArray) -> FloatArray:
         """Return the configurations (S, n) at fractions (S,) of the length of a path, or of the playing time."""

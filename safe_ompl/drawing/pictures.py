@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, files
-from safe_ompl.drawing.content import ViewerContent
+from safe_ompl.drawing.content import ViewerContent, safety_facts
 from safe_ompl.drawing.drawn_scene import Camera, DrawnScene, best_view, resampled
 from safe_ompl.drawing.page import plot_kind
 from safe_ompl.drawing.plots import plot_check, plot_motion, plot_plan, plot_program
@@ -249,20 +249,13 @@ def render_comparison(
     panels = []
     for (name, path), size in zip(paths.items(), sizes, strict=True):
         image = _draw(drawn, renderers[size], path, styles[name].colour)
-        panels.append(_Panel(image, name, _facts(path) if isinstance(path, PlanResult) else ""))
+        panels.append(_Panel(image, name, "\n".join(_facts(path))))
     simplified = any(isinstance(path, PlanResult) and path.planned_path is not None for path in paths.values())
     save_picture(np.asarray(_panels(panels, words, _CAPTION + _PLANNED * simplified)), file)
 
 
-def _facts(result: PlanResult) -> str:
-    """Describe the danger and the clearance of a result on two lines."""
-    if result.report is None:
-        return ""
-    danger, clearance = result.report.danger, result.report.clearance
-    facts = [] if danger is None else [f"danger: mean {danger.mean:.1f}, peak {danger.max:.1f}"]
-    if clearance.obstacle is not None:
-        facts.append(f"least clearance: {1e3 * clearance.min:.0f} mm")
-    return "\n".join(facts)
+def _facts(path: FloatArray | PlanResult) -> list[str]:
+    return safety_facts(path.report) if isinstance(path, PlanResult) and path.report is not None else []
 
 
 def save_picture(image: Image, file: str | Path) -> None:

@@ -37,6 +37,9 @@ _BOARD = 1.25
 # Words reach up to this many half heights of a board above its middle.
 _WORDS_TOP = 1.7
 _FIELD_OF_VIEW = 0.6  # [rad]
+# The tangents of half the vertical and half the horizontal field of view in a window of this size.
+_UPWARDS = np.tan(0.5 * _FIELD_OF_VIEW)
+_SIDEWAYS = _UPWARDS * _SIZE[0] / _SIZE[1]
 _BACKGROUND = 245
 
 
@@ -191,8 +194,7 @@ class BrowserView:
 
 def _see_all(client: Any) -> None:
     """Widen the field of view in a narrow window, such as a phone's, so that the whole width stays visible."""
-    across = np.tan(0.5 * _FIELD_OF_VIEW) * _SIZE[0] / _SIZE[1]
-    client.camera.fov = max(_FIELD_OF_VIEW, 2.0 * float(np.arctan(across / client.camera.aspect)))
+    client.camera.fov = max(_FIELD_OF_VIEW, 2.0 * float(np.arctan(_SIDEWAYS / client.camera.aspect)))
 
 
 # The motion rests at the goal for this time before it begins again.
@@ -270,8 +272,7 @@ def _on_page(content: ViewerContent) -> str:
         parts.append(f"<p>{'<br>'.join([f'{dot} <b>{escape(name)}</b>', *content.facts(name)])}</p>")
     heading = f"Safest: {escape(content.safest)}" if content.safest else "Path"
     panel = f'<details id="paths" open><summary>{heading}</summary>{"".join(parts)}</details>' if parts else ""
-    tan = np.tan(0.5 * _FIELD_OF_VIEW)
-    return _PAGE % {"panel": panel, "small": _PHONE_WIDTH, "tan": tan, "across": tan * _SIZE[0] / _SIZE[1]}
+    return _PAGE % {"panel": panel, "small": _PHONE_WIDTH, "tan": _UPWARDS, "across": _SIDEWAYS}
 
 
 _FRAME, _IDLE = 1 / 30, 0.1  # [s]

@@ -1,7 +1,6 @@
 from .benchmark import Benchmark as Benchmark
 from .campaign import (
     ALL_WAYS as ALL_WAYS,
-    BAND as BAND,
     PRACTICE as PRACTICE,
     Campaign as Campaign,
     Run as Run,

@@ -19,12 +19,11 @@ from ompl import geometric as og
 from safe_ompl.common import FloatArray, InputError, in_order, whole_number
 from safe_ompl.planning import PlanResult, SafeSetup, check_named_planner, setup_scenario
 from safe_ompl.planning.planners import is_ours, needs_place, planner_names
+from safe_ompl.planning.simplification import BAND
 from safe_ompl.scene import Scenario
 
 _log = logging.getLogger(__name__)
 
-# The percentiles [%] of the bands in the paper's figures.
-BAND = (15, 85)
 PRACTICE = "OMPL RRTConnect + OMPL's simplifier"
 """The name of the baseline in comparisons: planning with OMPL alone."""
 ALL_WAYS = 'SafeRRTConnect, ways="all"'

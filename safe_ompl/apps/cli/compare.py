@@ -17,7 +17,6 @@ from rich.text import Text
 
 from safe_ompl.apps.benchmark import (
     ALL_WAYS,
-    BAND,
     PRACTICE,
     Campaign,
     Run,
@@ -38,6 +37,7 @@ from safe_ompl.drawing import plots, render_comparison
 from safe_ompl.io import strict_json as json_line
 from safe_ompl.planning import PlanResult, SafeSetup, setup_problem, setup_scenario
 from safe_ompl.planning.planners import make_planner
+from safe_ompl.planning.simplification import BAND
 from safe_ompl.robot import EXAMPLES, Robot, RobotSpec
 from safe_ompl.scene import WHERE_FROM, MbmFile, Scene
 

@@ -1,6 +1,7 @@
 from .cost import PathCost as PathCost
 from .hybrids import hybrid as hybrid
 from .measures import (
+    BAND as BAND,
     PROFILE_POINTS as PROFILE_POINTS,
     ClearanceReport as ClearanceReport,
     Curve as Curve,

@@ -79,6 +79,8 @@ def with_way_points(path: FloatArray, places: FloatArray, apart: float) -> Float
 # The distance of `length_below_50mm`.
 NEAR = 0.05  # [m]
 PROFILE_POINTS = 101
+# The percentiles [%] of the runs between which the paper's figures draw a band.
+BAND = (15, 85)
 # The largest distance between two samples of a path.
 _SAMPLE_DISTANCE = 0.05  # [rad]
 # The number of bisections around the sample of least clearance.
