@@ -22,7 +22,7 @@ from bench._planning import Problem, add_options as add_planning_options, compar
 from safe_ompl import CollisionChecker, MotionProver, Obstacle, Pose, Robot, SafeSetup, Scene
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import Box, Capsule, Shape, bounding_hull
-from safe_ompl.robot.ik import Place, approach
+from safe_ompl.robot.ik import TargetPose, approach
 
 CLAIM = "safe planners solve as many narrow problems as their classical counterparts"
 COUNT = 112
@@ -120,7 +120,7 @@ def _way_out(robot: Robot, checker: CollisionChecker, rng: np.random.Generator) 
         return None
     way = [q]
     for k in range(1, 1 + int(rng.uniform(0.18, 0.32) / _STEP)):
-        place = Place(robot, tip.translation - k * _STEP * inwards, tip.rotation)
+        place = TargetPose(robot, tip.translation - k * _STEP * inwards, tip.rotation)
         found, distance = approach(place, way[-1], 1e-5)
         if distance > 1e-5 or np.abs(robot.difference(way[-1], found)).max() > _JUMP:
             return None

@@ -115,7 +115,7 @@ class CollisionChecker:
         if 0.0 < reach < inf:
             level = _REACH * 2.0 ** max(0, ceil(log2(reach / _REACH)))
         if level not in self._pair_sets:
-            with self.changes.none():
+            with self.changes.read_lock():
                 rows = self._table.within(level)
                 same = (known for known in list(self._pair_sets.values()) if len(known.bodies) == len(rows))
                 found = next(same, None) or PairSet(self._table, rows, self.counts, self.changes)
@@ -138,7 +138,7 @@ class CollisionChecker:
             If the scenes differ in anything else, or if a movable obstacle would consist of other parts than before,
             such as a small cloud with another number of points. Then nothing moves.
         """
-        with self.changes.one():
+        with self.changes.write_lock():
             moved = self._bodies.move(scene)
             self.scene = scene
             if not moved:

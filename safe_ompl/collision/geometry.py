@@ -60,10 +60,10 @@ class SceneGeometry:
                 raise InputError(f"{after.name!r} is not movable; those are: {sorted(self.movable)}")
             if not before.same_but_for_place(after):
                 raise InputError(f"{after.name!r} may move, but not become another: {before!r} to {after!r}")
-            moves.append((k, after, [] if after.shape == before.shape else self._measured_anew(k, after)))
+            moves.append((k, after, [] if after.shape == before.shape else self._remeasured_parts(k, after)))
         return moves
 
-    def _measured_anew(self, k: int, obstacle: Obstacle) -> list[Part]:
+    def _remeasured_parts(self, k: int, obstacle: Obstacle) -> list[Part]:
         parts = obstacle.shape.parts()
         before = [type(part.geometry).__name__ for part in self._own[k]]
         after = [type(part.geometry).__name__ for part in parts]

@@ -188,7 +188,7 @@ class MotionProver:
         workers = whole_number("workers", workers, at_least=1)
         edges, free = self.checker.robot.joint_limits.table.edges(plain(starts), plain(ends))
         rows = np.flatnonzero(free)
-        with self.checker.changes.none():
+        with self.checker.changes.read_lock():
             found = required.pairs.bounds.prove_many(edges[rows], required.allowed_for, self.floor, workers)
             free[rows] = found > 0
             for k in rows[found == 0] if not self.limits else rows[found >= 0]:
@@ -205,7 +205,7 @@ class MotionProver:
         moved = np.empty((count, size, len(coupling.offsets)))
         moved[:, 0] = coupling.values(curves[:, 0])
         moved[:, 1:] = coupling.motions(curves[:, 1:].reshape(-1, n)).reshape(moved[:, 1:].shape)
-        with self.checker.changes.none():
+        with self.checker.changes.read_lock():
             return held & (required.pairs.bounds.prove_many(moved, required.allowed_for, self.floor) > 0)
 
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
@@ -316,7 +316,7 @@ class MotionProver:
         found = self._subdivide(known, curve, required)
         if changes.begun == done:
             return found
-        with changes.none():
+        with changes.read_lock():
             return self._subdivide(self._by_bounds(curve, required), curve, required)
 
     def _by_bounds(self, curve: Curve, required: RequiredDistances) -> BoundsProof:

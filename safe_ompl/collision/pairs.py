@@ -187,7 +187,7 @@ class PairSet:
         known = self._bounds
         # A cached property would hold a lock of all instances during the computation.
         if known is None:
-            with self.changes.none():
+            with self.changes.read_lock():
                 bodies = self._table.convex_bodies
                 known = DistanceBounds(self._robot, bodies, self.bodies, self._joint_radii, self._counts)
                 self._bounds = known
@@ -225,7 +225,7 @@ class PairSet:
             found = int(pairs[-1])
         if self.changes.begun == done:
             return found
-        with self.changes.none():
+        with self.changes.read_lock():
             return self.touching(q, margins)
 
     def within_margins(self, q: FloatArray, margins: FloatArray) -> bool:
@@ -245,7 +245,7 @@ class PairSet:
         It is coal that measures, and what is known of each is what `DistanceBounds.near` says after row and pair.
         """
         found, on_first, placed = np.zeros((len(rows), 8)), np.zeros((len(rows), 3)), -1
-        with self.changes.none():
+        with self.changes.read_lock():
             own = self._coal.own
             for c, (row, pair) in enumerate(zip(rows.tolist(), pairs.tolist(), strict=True)):
                 if row != placed:
@@ -263,7 +263,7 @@ class PairSet:
         """Return the distances (B, K) [m] of pairs (K,) at `Q: (B, n)`; ≤ 0 in contact."""
         exact = self.bounds.exact[pairs]
         found = np.full((len(Q), len(pairs)), -np.inf)
-        with self.changes.none():
+        with self.changes.read_lock():
             near = self.bounds.near(Q, self.bounds.some(pairs[exact]), np.inf)
             found[:, exact] = near[:, 2].reshape(len(Q), np.count_nonzero(exact))
             own = self._coal.own
@@ -277,7 +277,7 @@ class PairSet:
 
     def nearest(self, q: FloatArray, pairs: IntArray) -> list[Nearest]:
         """Return coal's distances and nearest points of pairs (K,) at `q: (n,)`."""
-        with self.changes.none():
+        with self.changes.read_lock():
             own = self._coal.own
             own.place(q)
             return [own.nearest(pair) for pair in pairs.tolist()]

@@ -40,7 +40,7 @@ class ToolLimit(ABC):
         """Return by how much [rad or m] the limit is exceeded at `q: (n,)`; ≤ 0 if the limit holds."""
 
     @abstractmethod
-    def objection(self, q: ArrayLike) -> str:
+    def refusal(self, q: ArrayLike) -> str:
         """Return a text that says how the limit is exceeded at `q: (n,)`."""
 
     def allows(self, q: ArrayLike) -> bool:
@@ -127,7 +127,7 @@ class ToolOrientation(ToolLimit):
         """Return the angle less its limit [rad] at `q: (n,)`."""
         return self.angle(q) - self.limit
 
-    def objection(self, q: ArrayLike) -> str:
+    def refusal(self, q: ArrayLike) -> str:
         """Return a text with the angle and its limit."""
         tilt, limit = np.degrees([self.angle(q), self.limit])
         return f"the tool is {tilt:.4g}° from its direction, {limit:.4g}° are allowed"
@@ -173,7 +173,7 @@ class TipBounds(ToolLimit):
         tip = self.robot.tip_pose(q).translation
         return float(max((self.lower - tip).max(), (tip - self.upper).max()))
 
-    def objection(self, q: ArrayLike) -> str:
+    def refusal(self, q: ArrayLike) -> str:
         """Return a text that says how far outside the tip is."""
         return f"the tip is {1e3 * self.excess(q):.4g} mm outside of its bounds"
 

@@ -45,7 +45,7 @@ class Changes:
         self._lock = threading.RLock()
 
     @contextmanager
-    def one(self) -> Iterator[None]:
+    def write_lock(self) -> Iterator[None]:
         """Lock the model for one change, after changes of other threads have ended."""
         with self._lock:
             self.begun += 1
@@ -54,7 +54,7 @@ class Changes:
             finally:
                 self.done = self.begun
 
-    def none(self) -> AbstractContextManager[Any]:
+    def read_lock(self) -> AbstractContextManager[Any]:
         """Lock the model against changes, after a change of another thread has ended."""
         return self._lock
 

@@ -356,7 +356,7 @@ class DangerField:
         total = vectors.sum(axis=0) if points.weights is None else points.weights @ vectors
         pushes = np.zeros(keypoints.shape)
         np.add.at(pushes[0], self.links[:, 1], total)
-        motion: FloatArray = self.robot.pull_back(Q, pushes)[0]
+        motion: FloatArray = self.robot.jacobian_transpose_product(Q, pushes)[0]
         return motion
 
     def field(self, q: ArrayLike, points: ArrayLike) -> FloatArray:

@@ -42,7 +42,7 @@ _KINDS: dict[str, tuple[tuple[float, ...], bool]] = {
     "Paper": ((3.0, 1.2, 1.0, 1.2), False),
 }
 # Today's practice in comparisons: distinct from the safe planners to the colour-blind, too.
-_PRACTICE = "#c8452b"
+_BASELINE = "#c8452b"
 _SOLID: tuple[float, ...] = ()
 _OTHERS = ("#596675", "#8b96a1", "#3a444f", "#aab2ba")
 _OTHER_DASHES: tuple[tuple[float, ...], ...] = ((4.0, 1.5), (1.2, 1.2), (6.0, 1.5, 1.2, 1.5), (2.5, 1.0))
@@ -52,7 +52,7 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
     """Return the colours and line styles of planners by name.
 
     Safe planners get a strong colour and a solid line, "Classic…" ones a pale tone of the same hue and dashes, those as
-    printed ("Paper…") the same colours with dots, today's practice ("OMPL …") a red, and all others slate greys in
+    printed ("Paper…") the same colours with dots, the baseline ("OMPL …") a red, and all others slate greys in
     their order.
     """
     styles: dict[str, PlannerStyle] = {}
@@ -65,7 +65,7 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
         if kind is None and family is not None and name.startswith(f"{family}Planner"):
             kind = "Safe"
         if name.startswith("OMPL "):
-            colour, dashes, strong = _PRACTICE, _SOLID, True
+            colour, dashes, strong = _BASELINE, _SOLID, True
         elif family is None or kind is None:
             (colour, dashes), strong = next(others), False
         else:

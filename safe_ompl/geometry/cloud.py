@@ -147,7 +147,7 @@ class PointCloud(Shape):
     def __hash__(self) -> int:
         return hash((self.radius, self.file, self.resolution, self.centres.tobytes()))
 
-    def measured_anew(self, measured: Any, pose: Pose) -> PointCloud:
+    def with_measurement(self, measured: Any, pose: Pose) -> PointCloud:
         """Return the cloud with other points (N, 3) [m], given in the world frame."""
         points = _points("points", measured)
         own = placed(pose.se3.inverse(), points) if pose != Pose() else points

@@ -102,7 +102,7 @@ class Obstacle:
         if isinstance(place, (Pose, pin.SE3)) or (len(rows) == 4 and np.shape(rows[0]) == (4,)):
             pose = Pose.of(place)
         else:
-            shape = shape.measured_anew(place, pose)
+            shape = shape.with_measurement(place, pose)
         return Obstacle(self.name, shape, pose, self.weight, self.color, self.touched_by)
 
     def same_but_for_place(self, other: Obstacle) -> bool:

@@ -224,7 +224,7 @@ class Person(Shape):
         with document.within("keypoints"):
             self.limbs()
 
-    def measured_anew(self, measured: Any, pose: Pose) -> Person:
+    def with_measurement(self, measured: Any, pose: Pose) -> Person:
         """Return the person with new key points in the world frame, which replace all earlier ones."""
         points = document.mapping("keypoints", measured, STANDING)
         return Person(self.height, _in_frame(pose, points), self.only)

@@ -109,7 +109,7 @@ class Shape(Section, ABC):
             "shape",
         )
 
-    def measured_anew(self, measured: Any, pose: Pose) -> Shape:
+    def with_measurement(self, measured: Any, pose: Pose) -> Shape:
         """Return the shape after a new measurement in the world frame, such as new key points of a person.
 
         `pose` is the pose of the shape's frame. Raises InputError if shapes of this kind never change, or if the

@@ -15,10 +15,10 @@ from .checks import (
     check as check,
     check_many as check_many,
     check_with as check_with,
-    objection as objection,
     prove_many as prove_many,
     retime as retime,
     way_of as way_of,
+    why_unproven as why_unproven,
     widest_tube as widest_tube,
 )
 from .constraints import (

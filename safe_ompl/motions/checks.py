@@ -363,7 +363,7 @@ def retime(motion: Any, robot: Robot, scene: Scene, limits: RateLimits | None = 
     """
     found = check(way_of(motion, robot), robot, scene)
     if not found:
-        raise PlanningError(objection(found))
+        raise PlanningError(why_unproven(found))
     return time_path(found.motion.knots, robot, limits, motion=found.proof, **options)
 
 
@@ -373,7 +373,7 @@ def way_of(motion: Any, robot: Robot) -> Motion:
     return Motion.through(given.knots, names=robot.joint_names)
 
 
-def objection(found: MotionCheck) -> str:
+def why_unproven(found: MotionCheck) -> str:
     """Describe why a path is not proven: the way point, or the pair of way points, and the reason."""
     proof = found.proof
     for k, q in enumerate(found.motion.knots):

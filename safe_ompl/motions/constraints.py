@@ -153,7 +153,7 @@ class ConfigurationCheck:
         for some in (Q[k : k + _TOGETHER] for k in range(0, len(Q), _TOGETHER)):
             edges, within = limits.table.edges(some, some)  # motions that stand still
             known = np.where(within, 0, -1)
-            with self.checker.changes.none():
+            with self.checker.changes.read_lock():
                 known[within] = required.pairs.bounds.prove_many(edges[within], required.allowed_for, FLOOR)
             for q, free in zip(some, known.tolist(), strict=True):
                 if self._allows_free(q) if free > 0 else free == 0 and self.allows(q):
@@ -167,7 +167,7 @@ class ConfigurationCheck:
             return False
         return self._user is None or self._user.allows(q, state)
 
-    def objection(self, q: FloatArray) -> str | None:
+    def refusal(self, q: FloatArray) -> str | None:
         """Return why `q: (n,)` is not allowed, as a text to follow a configuration's name, or None if it is allowed."""
         separation, limit = self.constraints.separation, self._danger
         beyond = self.checker.robot.beyond_limits(q)
@@ -191,4 +191,4 @@ class ConfigurationCheck:
             return f" is too near: {near[1]!r} may move {moved:g} mm, and come to {near[0]!r}"
         if self._user is not None and not self._user.allows(q):
             return f" is refused by your state validity checker {self._user.name}"
-        return next((f": {tool.objection(q)}" for tool in self._tool if not tool.allows(q)), None)
+        return next((f": {tool.refusal(q)}" for tool in self._tool if not tool.allows(q)), None)

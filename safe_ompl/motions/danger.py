@@ -124,16 +124,16 @@ def danger_cap(
     limit.
     """
 
-    def capped(rows: IntArray, *, within: bool = True) -> FloatArray:
+    def velocity_limits(rows: IntArray, *, within: bool = True) -> FloatArray:
         at_most = most[parents[rows]]
         return cell_danger(danger, motion, cells, rows, at_most, limit, within).allowed(limit, at_most)
 
     parents: IntArray = np.arange(len(cells))
-    speeds, exact = capped(parents), most.copy()
+    speeds, exact = velocity_limits(parents), most.copy()
     new = np.ones(len(cells), dtype=bool)
     for _ in range(_CAP_DIVISIONS):
         rows = np.flatnonzero(new & (speeds < most[parents]))
-        exact[rows] = capped(rows, within=False)
+        exact[rows] = velocity_limits(rows, within=False)
         loss = 1 - np.maximum(speeds, 0) / np.maximum(exact, 1e-12)
         wanted = np.minimum(np.ceil(loss / _SPEED_LOSS), np.ceil(cells.sizes / _LEAST_CELL))
         parts: IntArray = np.where(exact > 0, np.maximum(wanted, 1), 1).astype(np.intp)
@@ -143,7 +143,7 @@ def danger_cap(
         cells = motion.between(divided_edges(cells.edges, parts))
         parents, speeds, exact, new = parents[of], speeds[of], exact[of], parts[of] > 1
         divided = np.flatnonzero(new)
-        speeds[divided] = capped(divided)
+        speeds[divided] = velocity_limits(divided)
         exact[divided] = most[parents[divided]]
     return cells, parents, speeds
 

@@ -96,7 +96,7 @@ class Optimisation:
         return best, tuple(found)
 
 
-def told(name: str, seconds: float, stop: Stop) -> Stop:
+def with_progress(name: str, seconds: float, stop: Stop) -> Stop:
     """Return `stop`; in notebooks the returned predicate also prints which share of the time [s] has passed."""
     if "ipykernel" not in sys.modules:
         return stop

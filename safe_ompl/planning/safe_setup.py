@@ -54,10 +54,10 @@ from safe_ompl.planning.planners import (
     termination,
 )
 from safe_ompl.planning.result import PlanResult
-from safe_ompl.planning.run import PlanningRun, best_start, noted_ctrl_c, stopping, told, validated
+from safe_ompl.planning.run import PlanningRun, best_start, noted_ctrl_c, stopping, validated, with_progress
 from safe_ompl.planning.start_and_goals import StartAndGoals
 from safe_ompl.planning.ways import all_ways
-from safe_ompl.robot import GoalRegion, Robot, ScratchState, joint_space, place_of
+from safe_ompl.robot import GoalRegion, Robot, ScratchState, joint_space, target_pose
 from safe_ompl.scene import Scene
 
 _log = logging.getLogger(__name__)
@@ -327,21 +327,21 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         The rotation is a matrix, a quaternion x, y, z, w, or a pin.Quaternion; the position may also be a pin.SE3. Goal
         configurations set before are kept: `plan` uses them with planners that plan to configurations.
         """
-        place = place_of(self.robot, position, rotation)
-        self._set_place(WorkspaceGoal, place, tolerance)
+        target = target_pose(self.robot, position, rotation)
+        self._set_tip_goal(WorkspaceGoal, target, tolerance)
 
     def setGoalRegion(self, region: GoalRegion, tolerance: float = REGION_TOLERANCE) -> None:
         """Set bounds of the tip's position and orientation as the goal, instead of a `setWorkspaceGoal`.
 
         Arguments and errors of `RegionGoal`.
         """
-        self._set_place(RegionGoal, region, tolerance)
+        self._set_tip_goal(RegionGoal, region, tolerance)
 
-    def _set_place(self, kind: type[WorkspaceGoal], place: Any, tolerance: float) -> None:
+    def _set_tip_goal(self, kind: type[WorkspaceGoal], target: Any, tolerance: float) -> None:
         self.query.forget_stale()
         si = self.getSpaceInformation()
-        self.query.place = kind(si, self.robot, place, tolerance=tolerance, field=self.field, seed=0)
-        self.setGoal(self.query.place)
+        self.query.tip_goal = kind(si, self.robot, target, tolerance=tolerance, field=self.field, seed=0)
+        self.setGoal(self.query.tip_goal)
 
     # --------------------------------------------------------------------------------------------------------- planning
 
@@ -485,7 +485,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
                 seconds = simplification or np.inf
                 return run.every_way(time, self._any_simplifier, seconds, lambda: bool(interrupts))
             if optimise is not None:
-                return run.optimised(time, told(run.name, time, lambda: bool(interrupts)))
+                return run.optimised(time, with_progress(run.name, time, lambda: bool(interrupts)))
             return run.planned(time, simplification)
 
         with noted_ctrl_c() if keeps else nullcontext(list[int]()) as interrupts:

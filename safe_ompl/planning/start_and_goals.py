@@ -42,8 +42,8 @@ class Asked(NamedTuple):
 class StartAndGoals:
     """Start and goals of an OMPL setup, checked when they are set and after the scene has changed.
 
-    Goal configurations and a goal pose of the tip (`place`) may both be set: each planner gets the kind that it plans
-    to. This object refers to its setup weakly.
+    Goal configurations and a goal pose of the tip (`tip_goal`) may both be set. Each planner gets the kind that it
+    plans to. This object refers to its setup weakly.
     """
 
     def __init__(self, setup: Any, definition: Any) -> None:
@@ -52,7 +52,7 @@ class StartAndGoals:
         self._asked: Asked | None = None  # when a planner began
         self._start: FloatArray | None = None
         self.goals: Sequence[FloatArray] = ()
-        self.place: WorkspaceGoal | None = None
+        self.tip_goal: WorkspaceGoal | None = None
         # The states of the goals that are valid.
         self._goal_states: Any = None
         # Whether the scene has changed since start and goals were found free.
@@ -96,19 +96,19 @@ class StartAndGoals:
         robot: Robot = self._setup.robot
         check = self._setup.validity.check
         q = robot.configuration(value, f"{name} configuration")
-        objection = check.objection(q)
-        if objection is not None:
-            raise (CollisionError if check.within_limits(q) else InputError)(name + objection)
+        refusal = check.refusal(q)
+        if refusal is not None:
+            raise (CollisionError if check.within_limits(q) else InputError)(name + refusal)
         # The check has a larger tolerance of the limits than OMPL, so the configuration is clipped to the limits.
         return np.where(robot.continuous, q, np.minimum(np.maximum(q, robot.lower), robot.upper))
 
     def explain_missing_goal(self) -> None:
         """If inverse kinematics found no goal configuration, log the reason."""
-        place = self.place
-        why = None if place is None or self._setup.getGoal() is not place else place.failure()
-        if why is not None and place is not None:
-            objection = None if place.refused is None else self._setup.validity.check.objection(place.refused)
-            _log.warning("%s%s", why, "" if objection is None else f"; the last one{objection}")
+        goal = self.tip_goal
+        why = None if goal is None or self._setup.getGoal() is not goal else goal.failure()
+        if why is not None and goal is not None:
+            refusal = None if goal.refused is None else self._setup.validity.check.refusal(goal.refused)
+            _log.warning("%s%s", why, "" if refusal is None else f"; the last one{refusal}")
 
     def check(self) -> list[FloatArray]:
         """Return the allowed goals; errors as `checked` if the start or all goals are no longer allowed."""
@@ -120,9 +120,9 @@ class StartAndGoals:
     def scene_changed(self) -> None:
         """Note that the scene has changed, so that `check_anew` checks start and goals again."""
         self._unchecked = True
-        if self.place is not None:
+        if self.tip_goal is not None:
             # Setting the seed clears the goal configurations that inverse kinematics found.
-            self.place.setSeed(self.place.getSeed())
+            self.tip_goal.setSeed(self.tip_goal.getSeed())
 
     def check_anew(self) -> None:
         """If the scene has changed, `check` start and goals, and set the goals that are allowed now."""
@@ -158,20 +158,20 @@ class StartAndGoals:
 
     def check_ends(self, path: FloatArray, name: str) -> None:
         """Raise PlanningError if the path (N, n) of a planner does not lead from a start to the goal."""
-        objection = self._objection_to_start(path[0]) or self._objection_to_end(path[-1])
-        if objection is not None:
-            raise PlanningError(f"{name} returned a path that {objection}")
+        refusal = self._refusal_of_start(path[0]) or self._refusal_of_end(path[-1])
+        if refusal is not None:
+            raise PlanningError(f"{name} returned a path that {refusal}")
 
-    def _objection_to_start(self, q: FloatArray) -> str | None:
+    def _refusal_of_start(self, q: FloatArray) -> str | None:
         bridge = self._setup.bridge
         starts = [bridge.read(start.state) for start in (self._asked or self._now()).starts]
         distance = min((float(np.linalg.norm(bridge.difference(start, q))) for start in starts), default=np.inf)
         return None if distance <= END_TOLERANCE else f"begins {distance:.3g} rad away from every start"
 
-    def _objection_to_end(self, q: FloatArray) -> str | None:
+    def _refusal_of_end(self, q: FloatArray) -> str | None:
         goal, state = self._definition.getGoal(), self._scratch.set(q)
         if isinstance(goal, ob.GoalRegion):
-            short, unit = float(goal.distanceGoal(state)), "m" if hasattr(goal, "place") else "rad"
+            short, unit = float(goal.distanceGoal(state)), "m" if hasattr(goal, "target") else "rad"
             if not short <= max(END_TOLERANCE, goal.getThreshold()):
                 return f"ends {short:.3g} {unit} away from the goal"
         elif not goal.isSatisfied(state):
@@ -194,8 +194,8 @@ class StartAndGoals:
         goal = definition.getGoal()
         if self._start is not None and not definition.hasStartState(self._scratch.set(self._start), 0):
             self._start = None
-        if goal is not None and goal is not self._goal_states and goal is not self.place:
-            self.goals, self._goal_states, self.place = (), None, None
+        if goal is not None and goal is not self._goal_states and goal is not self.tip_goal:
+            self.goals, self._goal_states, self.tip_goal = (), None, None
         if asked is None:
             return
         same_space = asked.coordinates == self._setup.bridge.coordinates()
@@ -222,12 +222,12 @@ class StartAndGoals:
         if not self._definition.hasSolution():
             return None
         path, read = self._definition.getSolutionPath(), self._setup.bridge.read
-        objection = self._objection_to_start(read(path.getState(0)))
-        if objection is None and not self._definition.hasApproximateSolution():
-            objection = self._objection_to_end(read(path.getState(path.getStateCount() - 1)))
-        if objection is not None:
+        refusal = self._refusal_of_start(read(path.getState(0)))
+        if refusal is None and not self._definition.hasApproximateSolution():
+            refusal = self._refusal_of_end(read(path.getState(path.getStateCount() - 1)))
+        if refusal is not None:
             self._definition.clearSolutionPaths()
-        return objection
+        return refusal
 
     @contextmanager
     def without_nan(self, planner: Any) -> Iterator[None]:
@@ -286,17 +286,17 @@ class StartAndGoals:
     def choose_goal(self, planner: Any, seed: int) -> None:
         """If a goal pose and goal configurations are both set, take the goal that the planner accepts."""
         self.forget_stale()
-        if self.place is None:
+        if self.tip_goal is None:
             return
-        self.place.setSeed(seed)
+        self.tip_goal.setSeed(seed)
         if self._goal_states is not None:
-            self._setup.setGoal(self._goal_states if accepts(planner, self._goal_states) else self.place)
+            self._setup.setGoal(self._goal_states if accepts(planner, self._goal_states) else self.tip_goal)
 
     def choose_place(self, planner: Any) -> None:
         """Set the goal pose for a planner that does not accept the goal configurations that were set later."""
         goal = self._setup.getGoal()
-        if self.place is not None and goal is self._goal_states and not accepts(planner, goal):
-            self._setup.setGoal(self.place)
+        if self.tip_goal is not None and goal is self._goal_states and not accepts(planner, goal):
+            self._setup.setGoal(self.tip_goal)
 
     # ----------------------------------------------------------------------------------------- internals
 

@@ -4,16 +4,16 @@ from .forward_kinematics import START_TOLERANCE as START_TOLERANCE, JointLimits 
 from .ik import (
     METRES_PER_RADIAN as METRES_PER_RADIAN,
     Frames as Frames,
-    Place as Place,
     StepLimits as StepLimits,
+    TargetPose as TargetPose,
     Tip as Tip,
     approach as approach,
     configurations_at as configurations_at,
     inverse_kinematics as inverse_kinematics,
     limited_step as limited_step,
     motion_limits as motion_limits,
-    place_of as place_of,
     pseudoinverse_step as pseudoinverse_step,
+    target_pose as target_pose,
     tip_reach as tip_reach,
     transpose_step as transpose_step,
 )
@@ -28,7 +28,7 @@ from .joints import (
 )
 from .kinematics import Coordinates as Coordinates, EdgeTable as EdgeTable, KeyPointTable as KeyPointTable
 from .parts import Attachment as Attachment
-from .region import GoalRegion as GoalRegion, RegionPlace as RegionPlace
+from .region import GoalRegion as GoalRegion, RegionTarget as RegionTarget
 from .robot import Robot as Robot, robot_hash as robot_hash
 from .spec import (
     EXAMPLES as EXAMPLES,

@@ -301,7 +301,7 @@ class ForwardKinematics:
         """Return rotations (B, m, 3, 3), origins and axes (B, m, 3) of the joints in the world at `Q: (B, n)`."""
         return self.kinematics.table.frames(plain(self.coupling.values(Q)))
 
-    def pull_back(self, Q: FloatArray, gradients: FloatArray) -> FloatArray:
+    def jacobian_transpose_product(self, Q: FloatArray, gradients: FloatArray) -> FloatArray:
         """Return Σ_k J_kᵀ g_k (B, n) for gradients g (B, K, 3) by the key points at `Q: (B, n)`."""
         values, keypoints = plain(self.model_values(Q)), self.kinematics.keypoint_table
         return self.coupling.columns(keypoints.jacobian_transpose_product(values, plain(gradients)))

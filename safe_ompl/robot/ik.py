@@ -1,6 +1,6 @@
 """Inverse kinematics: target poses, task space errors, and joint steps within limits.
 
-`Place` is a target pose, and `approach` searches from one configuration. `Tip` searches from a batch of configurations,
+`TargetPose` is a target, and `approach` searches from one configuration. `Tip` searches from a batch of configurations,
 also along curves of `Frames`.
 
 Errors and Jacobians are in metres: 1 rad of rotation counts as `METRES_PER_RADIAN` metres, so that one number gives
@@ -43,7 +43,7 @@ _PRECISION = 1e-4  # [m]
 # Limit of iterations from a seed. Nearly all solutions are found within 20.
 _ITERATIONS = 60
 # Damping μ per squared error. A larger value is slower, a smaller one fails more often.
-_CAUTION = 0.05  # [1/rad²]
+_STEP_DAMPING = 0.05  # [1/rad²]
 # This is added to the diagonal, so that singular matrices can be solved.
 _REGULAR = 1e-9  # [m²/rad²]
 # An iteration that leaves more than this share of the error counts as no progress.
@@ -64,7 +64,7 @@ _PARALLEL = 1e-7
 _SAME_BRANCH = 0.2  # [rad or m]
 
 
-class Place:
+class TargetPose:
     """Target of the tip: a position (3,) in the world frame [m], or a full pose if a rotation is given.
 
     The rotation is a matrix (3, 3), a quaternion x, y, z, w, or a pin.Quaternion. The `dimension` m is the number of
@@ -83,7 +83,7 @@ class Place:
         return self.robot.n - int(np.linalg.matrix_rank(self._sampled_jacobians).max())
 
     @cached_property
-    def lever(self) -> float:
+    def lever_arm(self) -> float:
         """Typical lever arm, the tip motion per joint motion [m/rad]: the median of ‖J‖/√n."""
         return float(np.median(np.linalg.norm(self._sampled_jacobians, axis=(1, 2))) / np.sqrt(self.robot.n))
 
@@ -93,7 +93,7 @@ class Place:
         robot, rng = self.robot, np.random.default_rng(0)
         return np.array([self.jacobian(q) for q in rng.uniform(robot.lower, robot.upper, (_SAMPLES, robot.n))])
 
-    def sample(self, rng: np.random.Generator) -> Place:
+    def sample(self, rng: np.random.Generator) -> TargetPose:
         """Sample a target pose. This target has only one, itself."""
         return self
 
@@ -164,10 +164,10 @@ def transpose_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -
     return pull * (float(pull @ pull) / square if square > 0 else 0.0)
 
 
-def cautious_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
+def damped_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
     """Return the damped step Δq (n,) = Jᵀ(JJᵀ + μ‖Δx‖²)⁻¹Δx (Levenberg-Marquardt; Sugihara 2011); Δq₀ is ignored."""
     square = jacobian @ jacobian.T
-    square.flat[:: len(error) + 1] += _CAUTION * float(error @ error) + _REGULAR
+    square.flat[:: len(error) + 1] += _STEP_DAMPING * float(error @ error) + _REGULAR
     return jacobian.T @ np.linalg.solve(square, error)
 
 
@@ -187,7 +187,7 @@ def motion_limits(robot: Robot, free: BoolArray | None = None) -> StepLimits:
 
 def limited_step(
     rule: Rule,
-    place: Place,
+    target: TargetPose,
     q: FloatArray,
     limits: StepLimits,
     largest: float = np.inf,
@@ -196,10 +196,10 @@ def limited_step(
     """Return a joint step Δq (n,) that moves the tip towards a target and stays within the limits.
 
     Joints that would pass a limit stop at the limit, and the other joints compensate for the missing tip motion. The
-    rule is `pseudoinverse_step`, `transpose_step` or `cautious_step`. The arm is at `q: (n,)`, within its limits [rad
+    rule is `pseudoinverse_step`, `transpose_step` or `damped_step`. The arm is at `q: (n,)`, within its limits [rad
     or m]. The norm of the step is at most `largest` [rad or m]; `drift: (n,)` is the desired posture motion Δq₀.
     """
-    jacobian, error = place.jacobian(q), place.error(q)
+    jacobian, error = target.jacobian(q), target.error(q)
     posture = np.zeros(len(q)) if drift is None else drift
     step = rule(jacobian, error, posture)
     share = _shortening(step, largest)
@@ -219,19 +219,19 @@ def _shortening(step: FloatArray, largest: float) -> float:
     return largest / length if length > largest else 1.0
 
 
-def approach(place: Place, seed: FloatArray, precision: float) -> tuple[FloatArray, float]:
+def approach(target: TargetPose, seed: FloatArray, precision: float) -> tuple[FloatArray, float]:
     """Search from `seed: (n,)`. Return a configuration (n,) within the joint limits and its distance [m] to the target.
 
     The search ends at a distance of `precision` [m].
     """
     # Joints with a range of a full turn may pass their limits, and are wrapped afterwards.
-    limits = motion_limits(place.robot, _full_turns(place.robot))
-    q, distance, stalls = seed, place.distance(seed), 0
+    limits = motion_limits(target.robot, _full_turns(target.robot))
+    q, distance, stalls = seed, target.distance(seed), 0
     for _ in range(_ITERATIONS):
         if distance <= precision or stalls == _PATIENCE:
             break
-        q = _within_limits(place.robot, q + limited_step(cautious_step, place, q, limits))
-        before, distance = distance, place.distance(q)
+        q = _within_limits(target.robot, q + limited_step(damped_step, target, q, limits))
+        before, distance = distance, target.distance(q)
         stalls = stalls + 1 if distance > _STALLED * before else 0
     return q, distance
 
@@ -276,13 +276,13 @@ def _within_limits(robot: Robot, q: FloatArray) -> FloatArray:
     return np.clip(np.where(outside & _full_turns(robot), turned, q), robot.lower, robot.upper)
 
 
-def place_of(robot: Robot, position: Any, rotation: Any = None) -> Place:
-    """Return the target for a position (3,) [m] and a rotation, see `Place`, or for a pin.SE3 alone."""
+def target_pose(robot: Robot, position: Any, rotation: Any = None) -> TargetPose:
+    """Return the target for a position (3,) [m] and a rotation, see `TargetPose`, or for a pin.SE3 alone."""
     if not isinstance(position, pin.SE3):
-        return Place(robot, position, rotation)
+        return TargetPose(robot, position, rotation)
     if rotation is not None:
         raise InputError("rotation of the tip: the pose has one already; give the pose alone")
-    return Place(robot, position.translation, position.rotation)
+    return TargetPose(robot, position.translation, position.rotation)
 
 
 def inverse_kinematics(
@@ -304,7 +304,7 @@ def inverse_kinematics(
     robot : Robot
         The robot.
     position, rotation
-        Target as in `place_of`; without a rotation the orientation is free.
+        Target as in `target_pose`; without a rotation the orientation is free.
     near : array_like, shape (n,), optional
         Start of the first search [rad or m]. If given, the solution nearest to `near` is returned.
     seeds, seed : int
@@ -323,14 +323,14 @@ def inverse_kinematics(
     >>> q.shape
     (6,)
     """
-    place, number = place_of(robot, position, rotation), whole_number("seeds", seeds, at_least=1)
+    target, number = target_pose(robot, position, rotation), whole_number("seeds", seeds, at_least=1)
     begin = np.random.default_rng(seed).uniform(robot.lower, robot.upper, (number, robot.n))
     if near is not None:
         near = finite_array(near, (robot.n,), "near")
         begin[0] = np.where(robot.continuous, near, np.clip(near, robot.lower, robot.upper))
     found: list[FloatArray] = []
     for start in begin:
-        q, distance = approach(place, start, _PRECISION)
+        q, distance = approach(target, start, _PRECISION)
         if distance <= _PRECISION and (valid is None or valid(q)):
             if near is None:
                 return q
@@ -379,8 +379,8 @@ class Tip:
         slides = robot.joint_prismatic[moving]
         own = axes[:, moving]
         jacobians = np.zeros((len(Q), 6, len(robot.joint_prismatic)))
-        lever = np.where(slides[:, None], own, _cross(own, positions[:, None] - origins[:, moving]))
-        jacobians[:, :3, moving] = np.swapaxes(lever, 1, 2)
+        lever_arm = np.where(slides[:, None], own, _cross(own, positions[:, None] - origins[:, moving]))
+        jacobians[:, :3, moving] = np.swapaxes(lever_arm, 1, 2)
         jacobians[:, 3:, moving] = np.swapaxes(np.where(slides[:, None], 0.0, own), 1, 2)
         return TipState(positions, turned @ robot.tip_placement.rotation, robot.coupling.columns(jacobians))
 
@@ -428,7 +428,7 @@ class Tip:
             if k == iterations or not len(left):
                 break
             errors, jacobians, square = errors[~there], jacobians[~there], square[~there]
-            step = _least_squares(jacobians, errors, _CAUTION * square)
+            step = _least_squares(jacobians, errors, _STEP_DAMPING * square)
             length = np.linalg.norm(step, axis=1, keepdims=True)
             Q[left] = np.clip(Q[left] + step * np.minimum(1.0, _LONGEST / np.maximum(length, 1e-12)), low, high)
         return Q, arrived

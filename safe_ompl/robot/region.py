@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, Section, documents as document, key
 from safe_ompl.geometry import Pose
-from safe_ompl.robot.ik import Place, error_from
+from safe_ompl.robot.ik import TargetPose, error_from
 from safe_ompl.robot.parts import read_pose
 from safe_ompl.robot.robot import Robot
 
@@ -126,7 +126,7 @@ class GoalRegion(Section):
     def error(self, pose: pin.SE3) -> FloatArray:
         """Return the task space error Δx [m] from a pose to its projection on the region.
 
-        The shape is (3,), or (6,) if the region bounds the orientation; see `Place.error`.
+        The shape is (3,), or (6,) if the region bounds the orientation; see `TargetPose.error`.
         """
         return error_from(pose, *self.nearest(pose))
 
@@ -170,7 +170,7 @@ class GoalRegion(Section):
         return np.array([*np.clip(length, *self.radius) * outward, np.clip(here[2], low[2], high[2])])
 
 
-class RegionPlace(Place):
+class RegionTarget(TargetPose):
     """A task space region as target of inverse kinematics. The error is measured to the nearest pose of the region."""
 
     def __init__(self, robot: Robot, region: GoalRegion) -> None:
@@ -185,9 +185,9 @@ class RegionPlace(Place):
         """Return the position (3,) [m] of the region nearest to a point (3,) [m], both in the world frame."""
         return self.region.nearest(pin.SE3(np.eye(3), point))[0]
 
-    def sample(self, rng: np.random.Generator) -> Place:
+    def sample(self, rng: np.random.Generator) -> TargetPose:
         """Sample a target pose of the region."""
-        return Place(self.robot, *self.region.sample(rng))
+        return TargetPose(self.robot, *self.region.sample(rng))
 
 
 def _nearest_rotation(rotation: FloatArray, bounds: tuple[Bounds, Bounds, Bounds]) -> FloatArray:

@@ -143,18 +143,18 @@ def test_names_of_movable_obstacles_are_checked(panda, scene):
 def test_threads_that_ask_a_new_set_of_pairs_at_once_do_not_wait_for_each_other(panda, clutter, monkeypatch):
     checker = CollisionChecker(panda, clutter)
     pairs, q = checker.pairs_within(0.5), np.zeros(panda.n)
-    none, held = checker.changes.none, Event()
+    read_lock, held = checker.changes.read_lock, Event()
 
     @contextmanager
     def held_for_long():
-        with none():
+        with read_lock():
             held.set()
             sleep(0.2)  # meanwhile the other thread wants the bounds
             yield
 
     late = Thread(target=lambda: held.wait(10.0) and pairs.bounds, daemon=True)
     late.start()
-    monkeypatch.setattr(checker.changes, "none", held_for_long)
+    monkeypatch.setattr(checker.changes, "read_lock", held_for_long)
     early = Thread(target=lambda: pairs.within_margins(q, pairs.margins(0.1)), daemon=True)
     early.start()
     for thread in (early, late):

@@ -170,7 +170,7 @@ def test_a_goal_in_ompls_words_replaces_those_before_it_although_nothing_was_pla
     assert len(setup.query.goals) == 0
     setup.setGoal(other)
     setup.setConfigurations(start, start + MOTION)
-    assert setup.query.place is None
+    assert setup.query.tip_goal is None
 
 
 # ------------------------------------------------------------------------------------- another scene, objective, space

@@ -309,7 +309,7 @@ def test_forms_of_a_pose(setup):
     turn = pin.Quaternion(pose.rotation)
     for given in ((pose,), (pose.translation, pose.rotation), (pose.translation.tolist(), turn.coeffs().tolist())):
         setup.setWorkspaceGoal(*given)
-        place = setup.getGoal().place
+        place = setup.getGoal().target
         np.testing.assert_allclose(place.position, pose.translation, atol=1e-6)
         np.testing.assert_allclose(place.rotation, pose.rotation, atol=1e-6)
     with pytest.raises(InputError, match=r"quaternion \(x, y, z, w\) must be of unit length"):

@@ -1,4 +1,4 @@
-"""The tip at a place: errors and Jacobians, joint steps within limits, inverse kinematics."""
+"""The tip at a target: errors and Jacobians, joint steps within limits, inverse kinematics."""
 
 import numpy as np
 import pinocchio as pin
@@ -8,7 +8,7 @@ from safe_ompl import InputError, Robot, Scenario
 from safe_ompl.robot import (
     METRES_PER_RADIAN,
     Frames,
-    Place,
+    TargetPose,
     Tip,
     approach,
     limited_step,
@@ -16,7 +16,7 @@ from safe_ompl.robot import (
     pseudoinverse_step,
     transpose_step,
 )
-from safe_ompl.robot.ik import cautious_step
+from safe_ompl.robot.ik import damped_step
 
 ROBOTS = ("ur5", "panda", "kinova", "slider")
 
@@ -26,18 +26,18 @@ def random_configuration(robot, rng, margin=0.1):
     return robot.lower + reach * (margin + (1 - 2 * margin) * rng.random(robot.n))
 
 
-def place_of(robot, q, pose):
+def target_pose(robot, q, pose):
     tip = robot.tip_pose(q)
-    return Place(robot, tip.translation, tip.rotation if pose else None)
+    return TargetPose(robot, tip.translation, tip.rotation if pose else None)
 
 
 def test_the_distance_of_a_pose_counts_metres_and_radians(ur5):
     q = np.array([0.3, -1.2, 1.0, -0.7, 0.9, 0.2])
     tip = ur5.tip_pose(q)
     away, turned = np.add(tip.translation, [0.3, 0.0, 0.0]), pin.exp3(np.array([0.0, 0.4, 0.0])) @ tip.rotation
-    assert Place(ur5, away).distance(q) == pytest.approx(0.3)
-    assert Place(ur5, tip.translation, turned).distance(q) == pytest.approx(0.4 * METRES_PER_RADIAN)
-    assert Place(ur5, away, turned).distance(q) == pytest.approx(np.hypot(0.3, 0.4 * METRES_PER_RADIAN))
+    assert TargetPose(ur5, away).distance(q) == pytest.approx(0.3)
+    assert TargetPose(ur5, tip.translation, turned).distance(q) == pytest.approx(0.4 * METRES_PER_RADIAN)
+    assert TargetPose(ur5, away, turned).distance(q) == pytest.approx(np.hypot(0.3, 0.4 * METRES_PER_RADIAN))
 
 
 @pytest.mark.parametrize("pose", [False, True])
@@ -47,16 +47,16 @@ def test_the_jacobian_is_the_gradient_of_the_distance(robot_named, rng, name, po
     robot = robot_named(name)
     for _ in range(5):
         q, goal = random_configuration(robot, rng), random_configuration(robot, rng)
-        place = place_of(robot, goal, pose)
+        target = target_pose(robot, goal, pose)
         steps = 1e-6 * np.eye(robot.n)
-        numeric = [(place.distance(q + h) ** 2 - place.distance(q - h) ** 2) / 4e-6 for h in steps]
-        np.testing.assert_allclose(-place.jacobian(q).T @ place.error(q), numeric, atol=1e-7)
+        numeric = [(target.distance(q + h) ** 2 - target.distance(q - h) ** 2) / 4e-6 for h in steps]
+        np.testing.assert_allclose(-target.jacobian(q).T @ target.error(q), numeric, atol=1e-7)
 
 
 @pytest.mark.parametrize(("name", "pose", "left"), [("ur5", 0, 3), ("ur5", 1, 0), ("panda", 1, 1), ("slider", 0, 2)])
 def test_redundancy(robot_named, rng, name, pose, left):
     robot = robot_named(name)
-    assert place_of(robot, random_configuration(robot, rng), pose).redundancy == left
+    assert target_pose(robot, random_configuration(robot, rng), pose).redundancy == left
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_redundancy(robot_named, rng, name, pose, left):
 )
 def test_places_that_make_no_sense(ur5, position, rotation, message):
     with pytest.raises(InputError, match=message):
-        Place(ur5, position, rotation)
+        TargetPose(ur5, position, rotation)
 
 
 def test_the_pseudoinverse_step_equals_the_formula(panda, rng):
@@ -92,15 +92,15 @@ def test_singular_directions_are_damped():
     np.testing.assert_allclose(J @ pseudoinverse_step(J, way, np.zeros(3)), way, atol=1e-4)
 
 
-@pytest.mark.parametrize("rule", [pseudoinverse_step, transpose_step, cautious_step])
+@pytest.mark.parametrize("rule", [pseudoinverse_step, transpose_step, damped_step])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_steps_respect_limits_and_length(robot_named, rng, name, rule):
     robot = robot_named(name)
     limits = motion_limits(robot)
     for _ in range(50):
-        place = place_of(robot, random_configuration(robot, rng), pose=True)
+        target = target_pose(robot, random_configuration(robot, rng), pose=True)
         q = np.clip(random_configuration(robot, rng, margin=-0.1), robot.lower, robot.upper)
-        step = limited_step(rule, place, q, limits, 0.3, rng.normal(size=robot.n))
+        step = limited_step(rule, target, q, limits, 0.3, rng.normal(size=robot.n))
         assert np.linalg.norm(step) <= 0.3 + 1e-12
         assert robot.within_limits(q + step).all()
 
@@ -110,11 +110,11 @@ def test_a_joint_at_its_limit_leaves_the_way_to_the_others(panda):
     q[3] = panda.upper[3]
     J = panda.tip_jacobian(q)[:3]
     way = 1e-3 * J[:, 3]
-    place = Place(panda, panda.tip_pose(q).translation + way)
+    target = TargetPose(panda, panda.tip_pose(q).translation + way)
     assert pseudoinverse_step(J, way, np.zeros(7))[3] > 0
-    step = limited_step(pseudoinverse_step, place, q, motion_limits(panda))
+    step = limited_step(pseudoinverse_step, target, q, motion_limits(panda))
     assert step[3] == 0
-    assert place.distance(q + step) < 0.1 * place.distance(q)
+    assert target.distance(q + step) < 0.1 * target.distance(q)
 
 
 @pytest.mark.parametrize("pose", [False, True])
@@ -123,13 +123,13 @@ def test_solutions_reach_the_place_within_limits(robot_named, rng, name, share, 
     robot = robot_named(name)
     found = 0
     for _ in range(30):
-        place = place_of(robot, random_configuration(robot, rng, 0.0), pose)
-        q, distance = approach(place, random_configuration(robot, rng, 0.0), 1e-5)
+        target = target_pose(robot, random_configuration(robot, rng, 0.0), pose)
+        q, distance = approach(target, random_configuration(robot, rng, 0.0), 1e-5)
         if distance <= 1e-5:
             found += 1
             tip = robot.tip_pose(q)
-            assert np.linalg.norm(tip.translation - place.position) <= 1e-5
-            assert not pose or np.linalg.norm(pin.log3(place.rotation.T @ tip.rotation)) <= 1e-4
+            assert np.linalg.norm(tip.translation - target.position) <= 1e-5
+            assert not pose or np.linalg.norm(pin.log3(target.rotation.T @ tip.rotation)) <= 1e-4
             assert (q >= robot.lower).all()
             assert (q <= robot.upper).all()
     assert found >= 30 * share

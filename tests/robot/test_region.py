@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import GoalRegion, InputError, Pose
-from safe_ompl.robot import METRES_PER_RADIAN, RegionPlace
+from safe_ompl.robot import METRES_PER_RADIAN, RegionTarget
 
 FRAME = Pose.from_rpy([0.4, -0.1, 0.3], [0.3, -0.5, 1.2])
 REGIONS = {
@@ -91,7 +91,7 @@ def test_of_many_orientations_none_is_nearer(rng):
 
 @pytest.mark.parametrize("region", NAMES)
 def test_the_jacobian_is_the_slope_of_the_distance(region, ur5, rng):
-    place, step = RegionPlace(ur5, region), 1e-6
+    place, step = RegionTarget(ur5, region), 1e-6
     for q in rng.uniform(-2.5, 2.5, (5, ur5.n)):
         slope = -place.jacobian(q).T @ place.error(q)
         halves = [[place.distance(q + s * step * e) ** 2 / 2 for s in (1, -1)] for e in np.eye(ur5.n)]

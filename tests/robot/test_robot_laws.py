@@ -48,7 +48,7 @@ def test_jacobians_are_slopes(robot, rng):
         np.testing.assert_allclose(keypoint_jacobians(robot, q), np.stack(slopes, axis=-1), atol=1e-8)
     gradients = rng.normal(size=(3, *robot.keypoints(batch[0]).shape))
     expected = [np.einsum("kci,kc->i", keypoint_jacobians(robot, q), g) for q, g in zip(batch, gradients, strict=True)]
-    np.testing.assert_allclose(robot.pull_back(batch, gradients), expected, atol=1e-12)
+    np.testing.assert_allclose(robot.jacobian_transpose_product(batch, gradients), expected, atol=1e-12)
 
 
 def test_copies_that_travel_are_the_same(robot, rng):

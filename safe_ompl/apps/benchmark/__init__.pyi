@@ -1,7 +1,7 @@
 from .benchmark import Benchmark as Benchmark
 from .campaign import (
     ALL_WAYS as ALL_WAYS,
-    PRACTICE as PRACTICE,
+    BASELINE as BASELINE,
     Campaign as Campaign,
     Run as Run,
     Summary as Summary,

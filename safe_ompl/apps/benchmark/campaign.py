@@ -24,11 +24,11 @@ from safe_ompl.scene import Scenario
 
 _log = logging.getLogger(__name__)
 
-PRACTICE = "OMPL RRTConnect + OMPL's simplifier"
+BASELINE = "OMPL RRTConnect + OMPL's simplifier"
 """The name of the baseline in comparisons: planning with OMPL alone."""
 ALL_WAYS = 'SafeRRTConnect, ways="all"'
 """The name, in comparisons, of SafeRRTConnect that searches several routes for the safest one."""
-_PLANNERS = {PRACTICE: "RRTConnect", ALL_WAYS: "SafeRRTConnect"}
+_PLANNERS = {BASELINE: "RRTConnect", ALL_WAYS: "SafeRRTConnect"}
 Value = float | int | bool | str | None
 
 
@@ -64,14 +64,14 @@ def run_planner(
 ) -> PlanResult:
     """Do one run of a named or given planner. If the run raises an exception, the result has no path.
 
-    The name may also be `ALL_WAYS` or `PRACTICE`. With `PRACTICE`, OMPL's RRTConnect plans with the setup's validity
+    The name may also be `ALL_WAYS` or `BASELINE`. With `BASELINE`, OMPL's RRTConnect plans with the setup's validity
     and motion checks, and OMPL's `PathSimplifier` simplifies the path until it finds no improvement. Runs are
     independent, and their results can be sent to other processes. Only InputError, which all runs would raise, and
     KeyboardInterrupt are passed on.
     """
     try:
         options: dict[str, Any] = {"parameters": parameters, "simplify": simplify}
-        if run.planner == PRACTICE:
+        if run.planner == BASELINE:
             return _practice(setup, run, time, parameters)
         named = planner_of(run.planner) if planner is None else planner
         ways: Literal[1, "all"] = "all" if run.planner == ALL_WAYS else 1
@@ -128,7 +128,7 @@ class Campaign:
 
     # The problem, with the parameters of its planners.
     scenario: Scenario
-    # Names of `planner_names()`, or `PRACTICE`. All names differ.
+    # Names of `planner_names()`, or `BASELINE`. All names differ.
     planners: Sequence[str]
     # The number of runs of each planner.
     runs: int = 50
@@ -200,11 +200,11 @@ def default_planners(scenario: Scenario) -> tuple[str, ...]:
     """
     has_place = scenario.goal.is_place
     ours = (name for name in planner_names() if is_ours(name) and (has_place or not needs_place(name)))
-    return (PRACTICE, ALL_WAYS, *ours)
+    return (BASELINE, ALL_WAYS, *ours)
 
 
 def planner_of(name: str) -> str:
-    """Return the planner's own name for a name in a comparison, which may be `PRACTICE` or `ALL_WAYS`."""
+    """Return the planner's own name for a name in a comparison, which may be `BASELINE` or `ALL_WAYS`."""
     return _PLANNERS.get(name, name)
 
 

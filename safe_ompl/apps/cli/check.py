@@ -29,9 +29,9 @@ from safe_ompl.motions import (
     RateLimits,
     Repair,
     measured_tube,
-    objection,
     tube_of,
     way_of,
+    why_unproven,
     widest_tube,
 )
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
@@ -270,14 +270,14 @@ def _retime(
             trajectory = timed(result, scenario, limits)
     if options.json:
         record = {"file": options.file, "scenario": scenario.name, "robot": robot.name, "proven": bool(found)}
-        record |= {"duration": trajectory and trajectory.duration, "objection": None if found else objection(found)}
+        record |= {"duration": trajectory and trajectory.duration, "reason": None if found else why_unproven(found)}
         output.write_json(options.json, record)
     if options.json != output.STANDARD_OUTPUT:
         _say(f"{options.file} · {scenario.name} · {robot.name}", found, None, "--no-people" * options.no_people)
     if options.plot:
         plots.plot_check(found, options.plot, title=name)
     if result is None or trajectory is None:
-        output.error_console().print(f"safe-ompl: {options.file}: {objection(found)}: it is not timed")
+        output.error_console().print(f"safe-ompl: {options.file}: {why_unproven(found)}: it is not timed")
         return 1
     if options.certificate:
         proof = certificate_of(result, setup, scenario, options.certificate, trajectory)

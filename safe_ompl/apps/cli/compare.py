@@ -17,7 +17,7 @@ from rich.text import Text
 
 from safe_ompl.apps.benchmark import (
     ALL_WAYS,
-    PRACTICE,
+    BASELINE,
     Campaign,
     Run,
     Summary,
@@ -51,12 +51,12 @@ def add_commands(commands: Any) -> None:
         "compare",
         prepare,
         "compare planners: table, report.json and pictures",
-        "Run today's practice (OMPL's RRTConnect and OMPL's simplifier) and several planners with several seeds "
+        "Run the baseline (OMPL's RRTConnect and OMPL's simplifier) and several planners with several seeds "
         "each, and compare their paths, as planned and simplified: a table, report.json, and pictures of danger and of "
         "the robot along each planner's typical path.",
     )
     arguments.add_scenario(parser)
-    option(parser, "--planners A,B,...", "compared with today's practice (default: all of ours)", arguments.names)
+    option(parser, "--planners A,B,...", "compared with the baseline (default: all of ours)", arguments.names)
     option(parser, "--runs N", "runs of each planner", arguments.count, _RUNS)
     arguments.add_run_options(parser, usual_time="the scenario's", simplify=True)
     parser.add_argument(
@@ -77,8 +77,8 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     # The baseline is the first row. Without simplification the baseline is only its planner, OMPL's RRTConnect, and
     # ALL_WAYS is left out, because it always simplifies. If the user names the baseline twice, the list stays as it
     # is, and Campaign refuses the duplicate.
-    first = PRACTICE if options.simplify else planner_of(PRACTICE)
-    without = {ALL_WAYS} if first != PRACTICE else set()
+    first = BASELINE if options.simplify else planner_of(BASELINE)
+    without = {ALL_WAYS} if first != BASELINE else set()
     if list(planners).count(first) < 2:
         planners = (first, *(name for name in planners if name not in {first, *without}))
     campaign = Campaign(scenario, planners, options.runs, options.time, options.seed, options.simplify)
@@ -208,7 +208,7 @@ def safest(summaries: Sequence[Summary]) -> Summary:
 
 def in_words(practice: Summary, ours: Summary, kind: str) -> str:
     """Return a sentence that compares a planner with the baseline; `kind` is "as planned" or "simplified"."""
-    for summary, who in ((practice, "today's practice"), (ours, ours.planner)):
+    for summary, who in ((practice, "the baseline"), (ours, ours.planner)):
         if not summary.solved:
             return f"{who}: no path in {summary.runs} runs"
 
@@ -224,7 +224,7 @@ def in_words(practice: Summary, ours: Summary, kind: str) -> str:
     room = _CLEARANCE.value(ours) - _CLEARANCE.value(practice)
     if math.isfinite(room):
         clearance = _difference(room, "mm", " clearance than") or "the same clearance as"
-        said.append(f"{clearance} today's practice{within(_CLEARANCE) if round(room) else ''}")
+        said.append(f"{clearance} the baseline{within(_CLEARANCE) if round(room) else ''}")
     longer = _TIME.value(ours) - _TIME.value(practice)
     said.append(_difference(longer, "ms", within(_TIME)) or "in the same time")
     return f"{ours.planner}, {kind}: {', '.join(said)}"

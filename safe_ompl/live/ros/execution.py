@@ -101,7 +101,7 @@ class Execution:
     # Who gives the commands, and where on the motion the path of these begins [s]; None: it was not proven yet.
     drive: tuple[Shield, float] | None = None
     # Why the last attempt to execute it failed.
-    objection: str = ""
+    rejection: str = ""
 
     @classmethod
     def of(cls, goal: Any, robot: Robot, tolerance: float) -> Execution:
@@ -149,9 +149,9 @@ class Execution:
             motion = self._from(start, shield.robot) if self.motion is None else self.motion
             self.drive = shield, shield.follow(motion, max(self.done, 0.0), tolerance)
         except SafeOmplError as error:
-            self.objection = str(error)
+            self.rejection = str(error)
             raise
-        self.motion, self.objection = motion, ""
+        self.motion, self.rejection = motion, ""
 
     def _from(self, start: FloatArray, robot: Robot) -> Motion:
         """Return the motion that a controller makes of the points; if they begin later, from where the robot stands."""
@@ -232,7 +232,7 @@ class TrajectoryGuard:
             now = self._clock()
             if now >= max(execution.begin, self._tried + _AGAIN):
                 self._tried = now
-                controller.pursue(execution, execution.objection or "a new trajectory")
+                controller.pursue(execution, execution.rejection or "a new trajectory")
         tick = controller.tick()
         if execution is not None:
             self._look(execution, tick["time"], tick["reason"])
@@ -253,8 +253,8 @@ class TrajectoryGuard:
                 self._report(self._ending)
         elif missed:
             self._end(Outcome(Code.PATH_TOLERANCE_VIOLATED, missed))
-        elif drive is None and execution.objection:
-            self._report(Outcome(Code.INVALID_GOAL, execution.objection))
+        elif drive is None and execution.rejection:
+            self._report(Outcome(Code.INVALID_GOAL, execution.rejection))
         elif drive is None and now > max(execution.taken, execution.begin) + _BEGINS:
             self._end(Outcome(Code.INVALID_GOAL, f"it could not begin: {reason}"))
         elif execution.arrived:

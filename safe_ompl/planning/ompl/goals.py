@@ -14,13 +14,13 @@ from safe_ompl.planning.ompl.validity import bridge_of
 from safe_ompl.robot import (
     METRES_PER_RADIAN,
     GoalRegion,
-    Place,
-    RegionPlace,
+    RegionTarget,
     Robot,
     ScratchState,
     StateBridge,
+    TargetPose,
     approach,
-    place_of,
+    target_pose,
     tip_reach,
 )
 
@@ -61,11 +61,11 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         Its space must have the robot's joints as coordinates (see `joint_space`).
     robot : Robot
         The robot.
-    place : array_like, shape (3,), pin.SE3 or Place
+    target : array_like, shape (3,), pin.SE3 or TargetPose
         Target position of the tip in the world frame [m], with any orientation; or the target pose.
     tolerance : float
         Largest distance of the tip from the target [m]. For a pose, a radian counts `safe_ompl.robot.METRES_PER_RADIAN`
-        (0.25 m); see `Place.distance`.
+        (0.25 m); see `TargetPose.distance`.
     field : DangerField, optional
         Danger field that ranks the solutions.
     seed : int, optional
@@ -88,14 +88,14 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         self,
         si: Any,
         robot: Robot,
-        place: ArrayLike | Any,
+        target: ArrayLike | Any,
         *,
         tolerance: float = TOLERANCE,
         field: DangerField | None = None,
         seed: int | None = None,
     ) -> None:
         super().__init__(si)
-        self.place = place if isinstance(place, Place) else place_of(robot, place)
+        self.target = target if isinstance(target, TargetPose) else target_pose(robot, target)
         self.tolerance = number("tolerance", tolerance, above=0.0, kind="length [m]")
         self.setThreshold(self.tolerance)
         self._field = field
@@ -138,32 +138,32 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
             return None
         begin = f"{self._tries} searches of the inverse kinematics found no valid goal configuration"
         if self._arrived:
-            return f"{begin}: {self._arrived} brought the tip {self.place.robot.tip!r} to the goal, all are refused"
-        error = self.place.error(self._nearest[1])
+            return f"{begin}: {self._arrived} brought the tip {self.target.robot.tip!r} to the goal, all are refused"
+        error = self.target.error(self._nearest[1])
         off = f"{1e3 * np.linalg.norm(error[:3]):.0f} mm"
         if len(error) > 3:
             off += f" and {np.degrees(np.linalg.norm(error[3:]) / METRES_PER_RADIAN):.1f} deg"
-        centre, radius = tip_reach(self.place.robot)
+        centre, radius = tip_reach(self.target.robot)
         return (
-            f"{begin}: the tip {self.place.robot.tip!r} comes within {off} of the goal at best; "
+            f"{begin}: the tip {self.target.robot.tip!r} comes within {off} of the goal at best; "
             f"its reach is at most {radius:.2f} m from {centre.round(3).tolist()}"
         )
 
     def _check_reach(self) -> None:
         """Raise InputError if the target is proven to be out of the tip's reach."""
-        centre, radius = tip_reach(self.place.robot)
-        nearest = self.place.nearest_position(centre)
+        centre, radius = tip_reach(self.target.robot)
+        nearest = self.target.nearest_position(centre)
         away = float(np.linalg.norm(nearest - centre))
         if away > radius + self.tolerance:
             raise InputError(
                 f"the goal {nearest.round(3).tolist()} [m] is out of reach: it is {away:.2f} m from "
-                f"{centre.round(3).tolist()}, and the tip {self.place.robot.tip!r} of {self.place.robot.name!r} is "
+                f"{centre.round(3).tolist()}, and the tip {self.target.robot.tip!r} of {self.target.robot.name!r} is "
                 f"never more than {radius:.2f} m from there"
             )
 
     def distanceGoal(self, state: Any) -> float:
-        """Return the distance [m] of the tip from the target; for a pose see `Place.distance`."""
-        return self.place.distance(self._bridge.read(state))
+        """Return the distance [m] of the tip from the target; for a pose see `TargetPose.distance`."""
+        return self.target.distance(self._bridge.read(state))
 
     def maxSampleCount(self) -> int:
         """Return the number of solutions offered; if there is none, search for the first one."""
@@ -187,7 +187,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
             self._offer()
         if not self._offered:
             raise PlanningError(
-                f"no valid configuration brings the tip to {self.place!r}, as far as known: {self.failure()}"
+                f"no valid configuration brings the tip to {self.target!r}, as far as known: {self.failure()}"
             )
         self._next %= self._offered
         self._bridge.write(self._found[self._next], state)
@@ -202,15 +202,15 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
 
     def _search(self, seeds: int) -> list[FloatArray]:
         """Return new valid solutions from random seeds, the safest first."""
-        robot, si = self.place.robot, self.getSpaceInformation()
+        robot, si = self.target.robot, self.getSpaceInformation()
         new: list[FloatArray] = []
         precision = _PRECISION * self.tolerance
         for _ in range(seeds):
             seed = self._rng.uniform(robot.lower, robot.upper)
-            q, distance = approach(self.place.sample(self._rng), seed, precision)
+            q, distance = approach(self.target.sample(self._rng), seed, precision)
             self._tries += 1
             if distance > precision:
-                self._nearest = min(self._nearest, (self.place.distance(q), q), key=lambda found: found[0])
+                self._nearest = min(self._nearest, (self.target.distance(q), q), key=lambda found: found[0])
                 continue
             self._arrived += 1
             known = np.array([*self._found, *new]).reshape(-1, robot.n)
@@ -248,4 +248,4 @@ class RegionGoal(WorkspaceGoal):
     ) -> None:
         instance("region", region, GoalRegion)
         self.region = region
-        super().__init__(si, robot, RegionPlace(robot, region), tolerance=tolerance, **options)
+        super().__init__(si, robot, RegionTarget(robot, region), tolerance=tolerance, **options)

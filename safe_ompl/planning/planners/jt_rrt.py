@@ -16,9 +16,9 @@ from safe_ompl.planning.planners.growth import Extension, Growth, Tree
 from safe_ompl.planning.planners.problem import DangerDecay, DangerWeight, Margin, PlanningProblem
 from safe_ompl.planning.planners.tree import PlannerGraph, Trees
 from safe_ompl.robot import (
-    Place,
     StateBridge,
     StepLimits,
+    TargetPose,
     limited_step,
     motion_limits,
     pseudoinverse_step,
@@ -48,7 +48,7 @@ class SafeJTRRT(SafePlanner):
     alpha : float >= 0, default 1.0
         Weight of danger α, as for `SafeRRTConnect`. It also weighs the danger in the choice of the node from which to
         go to the goal; there the distance is the tip's, and a radian counts as many metres as it typically moves the
-        tip (`Place.lever`). 0 plans classically.
+        tip (`TargetPose.lever_arm`). 0 plans classically.
     nearest_fraction : float >= 0, <= 1, default 0.1
         ε: share of the choices of a node by distance alone, of random extensions. Any ε > 0 keeps the planner
         probabilistically complete: a node in a dangerous passage would otherwise never be chosen again.
@@ -141,7 +141,7 @@ class SafeJTRRT(SafePlanner):
         self._growth = Growth(self._problem, self._danger, self._margin)
         self._step = GoalStep(self._problem)
         self._goal: Any = None
-        self._place: Place
+        self._target: TargetPose
 
     def _apply_parameters(self) -> None:
         self._danger.alpha = self.alpha
@@ -166,7 +166,7 @@ class SafeJTRRT(SafePlanner):
 
     def _extend_towards_goal(self, ptc: Any) -> None:
         """EXTEND_TOWARDS_GOAL: from the best node not chosen before, step by step as long as there is progress."""
-        old = self._trees.best(self._danger.weight * self._place.lever, _RANDOM_STARTS, self._rng)
+        old = self._trees.best(self._danger.weight * self._target.lever_arm, _RANDOM_STARTS, self._rng)
         if old is None:
             self._extend_randomly()
             return
@@ -176,7 +176,7 @@ class SafeJTRRT(SafePlanner):
                 downhill = self._step.downhill(tree, old)
             q_old, distance = tree.configurations[old], approach.distances[old]
             q_new = self._bridge.inside(q_old + self._step.at(q_old, distance, downhill))
-            left = self._place.distance(q_new)
+            left = self._target.distance(q_new)
             if left > STALLED * distance:
                 return
             if not self._margin.motion_is_free(q_old, q_new):  # COLLISION_FREE
@@ -205,8 +205,8 @@ class SafeJTRRT(SafePlanner):
         """Read the target from the problem; for a new target the tree is kept, and all nodes may be chosen again."""
         goal = self.getProblemDefinition().getGoal()
         if goal is not self._goal:
-            self._goal, self._place = goal, goal.place
-            self._step.aim(goal.place)
+            self._goal, self._target = goal, goal.target
+            self._step.aim(goal.target)
         self._trees.take(goal)
 
     def _forget(self) -> None:
@@ -246,7 +246,7 @@ class Approach(Trees):
         if self._goal is None:
             return
         for node in range(len(self.distances), len(self.start)):
-            self.note(self._goal.place.distance(self.start.configurations[node]))
+            self.note(self._goal.target.distance(self.start.configurations[node]))
 
     def note(self, distance: float) -> None:
         """Store the distance of the tip from the goal for the first node without a distance."""
@@ -312,12 +312,12 @@ class GoalStep:
         self.largest = 0.1
         self.null_space_gain = 1.0
         self.transpose = False
-        self._place: Place
+        self._target: TargetPose
         self._limits: StepLimits
 
-    def aim(self, place: Place) -> None:
+    def aim(self, target: TargetPose) -> None:
         """Set another target of the tip."""
-        self._place, self._limits = place, motion_limits(place.robot)
+        self._target, self._limits = target, motion_limits(target.robot)
 
     def at(self, q: FloatArray, distance: float, downhill: FloatArray | None) -> FloatArray:
         """Return Δq = k₂ [J†Δx + (I − J†J)Δq₀] at `q: (n,)`, classical JᵀΔx, no longer than the largest step.
@@ -326,12 +326,12 @@ class GoalStep:
         come to rest: motions in the null space move it to second order.
         """
         rule = transpose_step if self.transpose else pseudoinverse_step
-        posture = None if downhill is None else self.null_space_gain * distance / self._place.lever * downhill
-        return limited_step(rule, self._place, q, self._limits, self.largest, posture)
+        posture = None if downhill is None else self.null_space_gain * distance / self._target.lever_arm * downhill
+        return limited_step(rule, self._target, q, self._limits, self.largest, posture)
 
     def downhill(self, tree: Tree, node: int) -> FloatArray | None:
         """Return the direction (n,) in which the danger falls at a node, short if it hardly does; None for none."""
-        if self.transpose or not (self.null_space_gain and self._place.redundancy):
+        if self.transpose or not (self.null_space_gain and self._target.redundancy):
             return None
         if not (self._problem.cost.has_gradients and self._problem.slope):
             return None

@@ -267,7 +267,7 @@ class PaperSafeJTRRT(SafePlanner):
         while True:
             q_old = tree.configurations[old]
             q_new = self._bridge.inside(q_old + self._displacement(q_old))
-            if self._goal.place.distance(q_new) > STALLED * approach.distances[old]:
+            if self._goal.target.distance(q_new) > STALLED * approach.distances[old]:
                 return
             if not self._problem.motion_is_free(q_old, q_new):
                 return
@@ -291,8 +291,8 @@ class PaperSafeJTRRT(SafePlanner):
 
     def _displacement(self, q: FloatArray) -> FloatArray:
         """Return Δq (n,) at `q: (n,)`, shortened to the largest step."""
-        place, field = self._goal.place, self._field
-        jacobian, error = place.jacobian(q), place.error(q)
+        target, field = self._goal.target, self._field
+        jacobian, error = target.jacobian(q), target.error(q)
         if self.transpose:
             step: FloatArray = self.gain * (jacobian.T @ error)
         else:

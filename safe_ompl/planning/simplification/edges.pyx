@@ -89,7 +89,7 @@ cdef class EdgeProofs:
         cdef list left = []
         if not tables.bounds.bounded:
             return edges
-        with motion.checker.changes.none():
+        with motion.checker.changes.read_lock():
             tables.open()
             for k in edges:
                 if keys[k] in self._proven:
@@ -123,7 +123,7 @@ cdef class EdgeProofs:
         cdef _Tables tables = _Tables(motion, path.shape[1])
         cdef double[::1] best = np.zeros(N)
         cdef Py_ssize_t[::1] before = np.zeros(N, np.intp)
-        with motion.checker.changes.none():
+        with motion.checker.changes.read_lock():
             tables.open()
             while refused:
                 with nogil:

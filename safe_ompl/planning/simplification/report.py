@@ -95,9 +95,9 @@ def validate(path: ArrayLike, motion: MotionProver) -> Validation:
     refused = first_refused(path, proof)
     proven, outcomes = refused is None, []
     for check in own:
-        objection = first_refused(path, check)
-        outcomes.append(CheckOutcome(check.name, check.resolution, objection is None))
-        refused = refused or objection
+        refusal = first_refused(path, check)
+        outcomes.append(CheckOutcome(check.name, check.resolution, refusal is None))
+        refused = refused or refusal
     return Validation(proven, refused, claims_of(motion), tuple(outcomes))
 
 

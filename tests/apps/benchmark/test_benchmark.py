@@ -26,7 +26,7 @@ from safe_ompl import (
 )
 from safe_ompl.apps.benchmark import (
     ALL_WAYS,
-    PRACTICE,
+    BASELINE,
     Campaign,
     Run,
     Summary,
@@ -83,7 +83,7 @@ def test_an_executor_does_the_runs_and_what_was_done_before_is_not_repeated(scen
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_todays_practice_is_what_ompls_own_classes_give(scenario, setup, workers):
-    (result,) = Campaign(scenario, (PRACTICE,), 1, seed=3, simplify=True).results(setup, workers)
+    (result,) = Campaign(scenario, (BASELINE,), 1, seed=3, simplify=True).results(setup, workers)
     planner, _ = setup.prepare("RRTConnect", 3)
     assert type(planner) is og.RRTConnect
     assert planner.solve(5.0)
@@ -95,7 +95,7 @@ def test_todays_practice_is_what_ompls_own_classes_give(scenario, setup, workers
     assert result.report.danger.mean == setup.report(simplified).danger.mean
     before = as_planned(setup, result)
     assert (before.report.length, before.simplification_time) == (setup.report(raw).length, 0.0)
-    assert (result.planner, result.certified, before.certified) == (PRACTICE, True, True)
+    assert (result.planner, result.certified, before.certified) == (BASELINE, True, True)
 
 
 def test_the_safest_way_of_a_comparison_is_that_of_the_setup(scenario, setup):
@@ -216,10 +216,10 @@ def test_bad_campaigns_are_refused_before_any_run(scenario, setup, planners, run
 def test_default_planners_are_todays_practice_and_all_of_ours_that_fit_the_goal(scenario):
     ours = [name for name in planner_names() if is_ours(name)]
     both = dataclasses.replace(scenario.goal, position=(0.3, 0.0, 0.4))
-    assert default_planners(dataclasses.replace(scenario, goal=both)) == (PRACTICE, ALL_WAYS, *ours)
+    assert default_planners(dataclasses.replace(scenario, goal=both)) == (BASELINE, ALL_WAYS, *ours)
     configurations = dataclasses.replace(scenario.goal, position=None)
     fitting = [name for name in ours if "JTRRT" not in name]
-    assert default_planners(dataclasses.replace(scenario, goal=configurations)) == (PRACTICE, ALL_WAYS, *fitting)
+    assert default_planners(dataclasses.replace(scenario, goal=configurations)) == (BASELINE, ALL_WAYS, *fitting)
 
 
 def test_summaries(results):

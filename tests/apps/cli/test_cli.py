@@ -16,7 +16,7 @@ from ompl import util as ou
 
 from safe_ompl import SafeSetup, planner_names
 from safe_ompl.apps import main
-from safe_ompl.apps.benchmark import PRACTICE, Summary, failure
+from safe_ompl.apps.benchmark import BASELINE, Summary, failure
 from safe_ompl.apps.cli import compare, output
 from safe_ompl.drawing import pictures, render_comparison, render_path
 
@@ -213,14 +213,14 @@ def test_compare_writes_table_and_report(run, folder, monkeypatch):
     assert "*" in out
     table, _, rest = out.partition("Medians")
     assert max(map(len, table.splitlines())) <= 80
-    assert PRACTICE == "OMPL RRTConnect + OMPL's simplifier"
+    assert BASELINE == "OMPL RRTConnect + OMPL's simplifier"
     assert table.index("OMPL RRTConnect +") < table.index("OMPL's simplifier") < table.index("SafeRRTConnect")
     assert "no_such_module" in err
     assert "pip install" in err
     report = strict((folder / "deep/out/report.json").read_text())
     assert list(report) == ["scenario", "robot", "seed", "summary", "safest", "words", "runs"]
     assert [(run["planner"], run["seed"]) for run in report["runs"]] == [
-        (planner, seed) for seed in range(7, 11) for planner in (PRACTICE, "RRTConnect", "SafeRRTConnect")
+        (planner, seed) for seed in range(7, 11) for planner in (BASELINE, "RRTConnect", "SafeRRTConnect")
     ]
     for record in report["runs"]:
         assert set(record) == set(f"{RECORD} planned_path".split())
@@ -239,7 +239,7 @@ def test_compare_writes_table_and_report(run, folder, monkeypatch):
     below = 100 * (1 - safest["danger_max"]["median"] / practice["danger_max"]["median"])
     more = 1e3 * (safest["clearance_min"]["median"] - practice["clearance_min"]["median"])
     assert f"{report['safest']}, simplified: peak danger {below:.0f} % below" in report["words"]
-    assert f", {more:.0f} mm more clearance than today's practice" in report["words"]
+    assert f", {more:.0f} mm more clearance than the baseline" in report["words"]
     assert report["words"] in " ".join(rest.split())
 
 
@@ -276,7 +276,7 @@ def summary_of(planner, *, time=1.0, mean=5.0, peak=9.0, clearance=20.0, spread=
         ([{"mean": 4.0, "runs": 1}, {"mean": 4.5, "runs": 1}], []),  # how one run spreads is not known
         ([{"mean": 4.99}, {"mean": 5.01}], []),  # less than is seen
         ([{"mean": 4.0}, {"runs": 0}], [1]),
-        ([{"mean": 6.0}, {"mean": 7.0}], [0]),  # today's practice may have a mark, too
+        ([{"mean": 6.0}, {"mean": 7.0}], [0]),  # the baseline may have a mark, too
     ],
 )
 def test_marks_stand_only_where_differences_are_larger_than_the_spread(others, starred):
@@ -292,23 +292,23 @@ def test_marks_stand_only_where_differences_are_larger_than_the_spread(others, s
     [
         (
             {"peak": 3.69, "clearance": 65.2, "time": 5.1},
-            "SafePRM, simplified: peak danger 59 % below, 45 mm more clearance than today's practice, 4 ms more",
+            "SafePRM, simplified: peak danger 59 % below, 45 mm more clearance than the baseline, 4 ms more",
         ),
         (
             {"peak": 9.9, "clearance": 11.0, "time": 0.2},
-            "SafePRM, simplified: peak danger 10 % above, 9 mm less clearance than today's practice, 1 ms less",
+            "SafePRM, simplified: peak danger 10 % above, 9 mm less clearance than the baseline, 1 ms less",
         ),
-        ({}, "SafePRM, simplified: the same peak danger, the same clearance as today's practice, in the same time"),
+        ({}, "SafePRM, simplified: the same peak danger, the same clearance as the baseline, in the same time"),
         (
             {"peak": 8.1, "spread": 0.5},
             "SafePRM, simplified: peak danger 10 % below (within the spread over the seeds), "
-            "the same clearance as today's practice, in the same time",
+            "the same clearance as the baseline, in the same time",
         ),
         ({"runs": 0}, "SafePRM: no path in 3 runs"),
     ],
 )
 def test_the_last_line_says_in_words_what_the_table_has(ours, words):
-    assert compare.in_words(summary_of(PRACTICE), summary_of("SafePRM", **ours), "simplified") == words
+    assert compare.in_words(summary_of(BASELINE), summary_of("SafePRM", **ours), "simplified") == words
 
 
 def test_the_safest_is_the_first_of_ours_that_none_of_ours_beats_in_mean_and_peak():

@@ -184,7 +184,7 @@ def test_new_points_of_a_cloud_stop_it_until_they_are_gone(drive, there):
     drive.run(1.2)
     assert not drive.qd.any()
     assert not outcomes
-    assert execution.objection.startswith("not free of what stands still at ")
+    assert execution.rejection.startswith("not free of what stands still at ")
     drive.controller.receive_cloud(drive.time, wall)
     arrives(drive, outcomes)
 

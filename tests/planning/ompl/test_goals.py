@@ -12,7 +12,7 @@ from ball import IN_BALL, SCENE, START
 from ompl import geometric as og
 
 from safe_ompl import GoalRegion, InputError, PlanningError, Pose, RegionGoal, SafeSetup, Scene, WorkspaceGoal
-from safe_ompl.robot import Robot, place_of, tip_reach
+from safe_ompl.robot import Robot, target_pose, tip_reach
 
 POSITION = [0.35, -0.45, 0.35]
 ROTATION = pin.rpy.rpyToMatrix(3.0, 0.2, -0.4)
@@ -36,7 +36,7 @@ def goal_for(setup, position=POSITION, rotation=None, *, seed=0, **options):
     options = {"field": setup.field, "seed": seed, **options}
     if isinstance(position, GoalRegion):
         return RegionGoal(si, setup.robot, position, **options)
-    return WorkspaceGoal(si, setup.robot, place_of(setup.robot, position, rotation), **options)
+    return WorkspaceGoal(si, setup.robot, target_pose(setup.robot, position, rotation), **options)
 
 
 def draw(setup, goal, number=1):
@@ -180,7 +180,7 @@ def test_planners_reach_the_place_or_the_region(setup, planner, goal):
         setup.setGoalRegion(goal)  # takes the place of the place
     result = setup.plan(planner, time=20.0, seed=1)
     assert result.certified
-    assert setup.getGoal().place.distance(result.path[-1]) <= setup.getGoal().tolerance
+    assert setup.getGoal().target.distance(result.path[-1]) <= setup.getGoal().tolerance
 
 
 @pytest.mark.parametrize(

@@ -145,13 +145,13 @@ def test_motions_are_those_of_the_certified_check(setting, rng):
 @pytest.mark.parametrize("words", range(7))
 def test_quickly_and_in_words_the_answer_is_the_same(beside_ball, rng, words):
     setting = beside_ball
-    objection, constraints = list(setting.constraints().items())[words]
+    refusal, constraints = list(setting.constraints().items())[words]
     check = ConfigurationCheck(setting.checker, constraints)
     setting.validity.setConstraints(constraints)
     setting.validator.setConstraints(constraints)
     said = []
     for q in setting.drawn(rng, 150):
-        said.append(check.objection(q))
+        said.append(check.refusal(q))
         allowed = said[-1] is None
         assert check.allows(q) is allowed
         assert check.allows(q, setting.ends[0].set(q)) is allowed
@@ -159,7 +159,7 @@ def test_quickly_and_in_words_the_answer_is_the_same(beside_ball, rng, words):
         if allowed is False:
             assert setting.validator.motion.check(q, q).verdict is not Verdict.FREE
     assert None in said
-    assert any(objection in words for words in said if words)
+    assert any(refusal in words for words in said if words)
 
 
 def test_of_many_at_once_the_same_are_allowed_as_one_by_one(beside_ball, rng):

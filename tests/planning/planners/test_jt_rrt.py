@@ -62,7 +62,7 @@ def test_the_path_leads_from_the_start_to_the_place(setup, ur5, planner, rotatio
         result = setup.plan(planner, time=10.0, seed=seed)
         assert result.status == "Exact solution"
         np.testing.assert_array_equal(result.path[0], START)
-        assert setup.getGoal().place.distance(result.path[-1]) < 0.005
+        assert setup.getGoal().target.distance(result.path[-1]) < 0.005
         assert result.report.certified
         assert all(ur5.within_limits(q, 0.0).all() for q in result.path)
         assert result.counts.nodes > 0
@@ -137,7 +137,7 @@ def test_the_safe_planner_is_much_safer_than_the_classical_one():
 
 @pytest.mark.parametrize("place_first", [True, False])
 def test_solve_plans_to_the_place_though_there_are_goal_configurations_too(setup, place_first):
-    place = setup.getGoal().place
+    place = setup.getGoal().target
     setup.setConfigurations(START, START * [-1, 1, 1, 1, 1, 1])
     if not place_first:
         setup.setWorkspaceGoal(POSITION)
