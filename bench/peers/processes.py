@@ -28,6 +28,11 @@ def python_of(system: System, folder: Path) -> Path:
     """Return the interpreter of a system's environment, which is made if it is not there yet."""
     if not system.environment:
         return Path(sys.executable)
+    requirements = system.requirements
+    if system.sources:
+        if not os.environ.get(system.sources):
+            raise UnavailableError(f"{system.sources} does not name a folder with its sources")
+        requirements = (os.environ[system.sources],)
     environment = folder / system.environment
     log = folder / f"{system.environment}.log"
     if not (environment / "made").exists():
@@ -35,11 +40,11 @@ def python_of(system: System, folder: Path) -> Path:
         environment.mkdir(parents=True, exist_ok=True)
         with log.open("w") as stream:
             subprocess.run([sys.executable, "-m", "venv", environment], check=True, stdout=stream, stderr=stream)
-            command = [environment / "bin/python", "-m", "pip", "install", *system.requirements]
+            command = [environment / "bin/python", "-m", "pip", "install", *requirements]
             made = subprocess.run(command, check=False, stdout=stream, stderr=stream).returncode == 0
         (environment / "made").write_text("yes" if made else "no")
     if (environment / "made").read_text() != "yes":
-        raise UnavailableError(f"pip does not install {' '.join(system.requirements)}: {_reason(log)}")
+        raise UnavailableError(f"pip does not install {' '.join(requirements)}: {_reason(log)}")
     return environment / "bin/python"
 
 

@@ -19,6 +19,8 @@ class System:
         Name of its virtual environment; systems with the same one share it.
     requirements : tuple of str
         What pip installs there; empty for the environment that runs the bench.
+    sources : str
+        Environment variable that names a folder with the system's sources, if pip is to install them instead.
     options : dict
         What the runner is given.
     """
@@ -28,6 +30,7 @@ class System:
     environment: str = ""
     requirements: tuple[str, ...] = ()
     options: dict[str, object] = field(default_factory=dict)
+    sources: str = ""
 
 
 _OMPL = "OMPL RRTConnect + simplifier, 0.02"
@@ -46,8 +49,8 @@ SYSTEMS = (
     System("MPlib", "mplib_", "mplib", ("mplib", "setuptools<80")),
     System("PyRoboPlan, 0.05", "pyroboplan_", "pyroboplan", ("pyroboplan",), {"resolution": 0.05}),
     *(System(f"plainmp, {x}", "plainmp_", "plainmp", ("plainmp",), {"resolution": x}) for x in (0.05, 0.005)),
-    System("VAMP", "vamp_", "vamp", ("vamp-planner",)),
+    System("VAMP", "vamp_", "vamp", sources="VAMP_DIR"),
 )
 
 REPAIR = System("our proof and repair", "repair_")  # of every path of another system
-REPAIRED = ("roboplan, 0.05", "plainmp, 0.05", _OMPL)  # whose repaired paths are rows of their own
+REPAIRED = ("roboplan, 0.05", "plainmp, 0.05", "VAMP", _OMPL)  # whose repaired paths are rows of their own
