@@ -119,7 +119,7 @@ def plot_motion(
         set_title(figure, f"{trajectory.duration:.2f} s" if title is None else title)
         times = np.linspace(0.0, trajectory.duration, _PLOT_SAMPLES)
         cells, _, speeds, _ = trajectory.law.at(times)
-        bounds = {cap.name: cap.speeds[cells] for cap in trajectory.caps}
+        bounds = {limit.name: limit.speeds[cells] for limit in trajectory.velocity_limits}
         binding = trajectory.binding()
         _draw_speeds(upper, times, speeds, bounds, [binding[cell] for cell in cells])
         add_legend_above(upper)
@@ -208,12 +208,12 @@ def plot_speeds(
     drawn on its canvas. Raises InputError if lengths differ, there is nothing to draw, or a value is not finite.
     """
     t, s = curve(times, "times"), curve(speeds, "speeds")
-    caps = {name: np.asarray(values, dtype=float) for name, values in bounds.items()}
-    if {len(s), len(binding), *map(len, caps.values())} != {len(t)}:
+    velocity_limits = {name: np.asarray(values, dtype=float) for name, values in bounds.items()}
+    if {len(s), len(binding), *map(len, velocity_limits.values())} != {len(t)}:
         raise InputError(f"times, speeds, bounds and binding must be equally many, got {len(t)} times")
     with page(file, *SIZE, dpi, arranged=False) as figure:
         axes = figure.add_axes(AXES)
-        used = _draw_speeds(axes, t, s, caps, binding)
+        used = _draw_speeds(axes, t, s, velocity_limits, binding)
         axes.set(xlabel="time [s]", xlim=(0.0, float(t[-1])))
         figure.text(AXES[0], 0.93, title, weight="bold", fontsize=12)
         figure.text(0.985, 0.93, f"{t[-1]:.2f} s", ha="right", color=GREY, fontsize=12)

@@ -79,7 +79,7 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
 _BY_COLOUR = {
     "#8b96a1": (ACCELERATION, "done"),
     "#0b62b4": ("joint velocity", "moving", "proven", "move"),
-    "#3aa0c9": ("bends beside people",),
+    "#3aa0c9": ("blends beside people",),
     "#c8452b": ("separation", "braking", "not proven"),
     "#d98a1f": ("contact", "gripper"),
     "#a3562a": ("clamping",),

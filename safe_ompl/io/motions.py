@@ -150,7 +150,7 @@ class MotionRecord:
             problem,
             Motion.through(states["positions"], times, trajectory.joint_names),
             speeds,
-            {cap.name: cap.speeds[cells] for cap in trajectory.caps},
+            {limit.name: limit.speeds[cells] for limit in trajectory.velocity_limits},
             tuple(binding[cell] for cell in cells),
             name,
         )

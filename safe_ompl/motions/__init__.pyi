@@ -1,13 +1,4 @@
 from .blends import blended as blended, first_unproven as first_unproven
-from .caps import (
-    LINK_SPEED as LINK_SPEED,
-    TOOL_SPEED as TOOL_SPEED,
-    MotionCaps as MotionCaps,
-    StandstillError as StandstillError,
-    bending_cap as bending_cap,
-    braking as braking,
-    speed_caps as speed_caps,
-)
 from .cells import BodySpeeds as BodySpeeds, Boxes as Boxes, Cells as Cells, CurvePoints as CurvePoints
 from .checks import (
     TIME as TIME,
@@ -47,7 +38,7 @@ from .time_law import (
     BRAKING as BRAKING,
     SmoothLaw as SmoothLaw,
     SmoothLimits as SmoothLimits,
-    velocity_cap as velocity_cap,
+    joint_velocity_limit as joint_velocity_limit,
 )
 from .timing import (
     CELL_LENGTH as CELL_LENGTH,
@@ -56,5 +47,14 @@ from .timing import (
     time_path as time_path,
     within_tube as within_tube,
 )
-from .trajectory import RATE as RATE, SpeedCap as SpeedCap, State as State, Trajectory as Trajectory
+from .trajectory import RATE as RATE, State as State, Trajectory as Trajectory, VelocityLimit as VelocityLimit
 from .tube import FACTOR as FACTOR, MeasuredTube as MeasuredTube, measured_tube as measured_tube, tube_of as tube_of
+from .velocity_limits import (
+    LINK_SPEED as LINK_SPEED,
+    TOOL_SPEED as TOOL_SPEED,
+    StandstillError as StandstillError,
+    TimingLimits as TimingLimits,
+    bending_velocity_limit as bending_velocity_limit,
+    body_speed_limits as body_speed_limits,
+    braking as braking,
+)

@@ -20,11 +20,11 @@ from safe_ompl.motions.time_law import TimeLaw
 from safe_ompl.robot import plain
 
 # Steps of the bisection for the largest speed. 50 halvings reach double precision.
-_CAP_HALVINGS = 50
-# For a velocity limit, a cell is divided if its length lowers the limit by more than this share. `_CAP_DIVISIONS` is
+_BISECTION_STEPS = 50
+# For a velocity limit, a cell is divided if its length lowers the limit by more than this share. `_MAX_DIVISIONS` is
 # the largest number of rounds of division. Parts are not shorter than `_LEAST_CELL`.
 _SPEED_LOSS = 0.02
-_CAP_DIVISIONS = 3
+_MAX_DIVISIONS = 3
 _LEAST_CELL = 1e-3  # [rad]
 # For a proven peak, cells are divided into `_PARTS` each, in at most `_PEAK_DIVISIONS` rounds. Division ends when the
 # bound is at most `_TIGHT_PEAK` times the sampled peak.
@@ -64,7 +64,7 @@ class CellDanger(NamedTuple):
             found = np.minimum(most, speeds.min(axis=1, initial=np.inf))
         else:
             found, bad = np.where(self.at(most) <= limit, most, 0.0), most
-            for _ in range(_CAP_HALVINGS):
+            for _ in range(_BISECTION_STEPS):
                 middle = (found + bad) / 2
                 holds = self.at(middle) <= limit
                 found, bad = np.where(holds, middle, found), np.where(holds, bad, middle)
@@ -113,7 +113,7 @@ def cell_danger(
     return CellDanger(moving, field.k1 * level, moving.k2 * increase)
 
 
-def danger_cap(
+def danger_velocity_limit(
     motion: Motion, cells: Cells, danger: KinetostaticField, limit: float, most: FloatArray
 ) -> tuple[Cells, IntArray, FloatArray]:
     """Return the largest path velocities ≤ `most: (N,)` at which the danger of the moving robot stays within `limit`.
@@ -131,7 +131,7 @@ def danger_cap(
     parents: IntArray = np.arange(len(cells))
     speeds, exact = velocity_limits(parents), most.copy()
     new = np.ones(len(cells), dtype=bool)
-    for _ in range(_CAP_DIVISIONS):
+    for _ in range(_MAX_DIVISIONS):
         rows = np.flatnonzero(new & (speeds < most[parents]))
         exact[rows] = velocity_limits(rows, within=False)
         loss = 1 - np.maximum(speeds, 0) / np.maximum(exact, 1e-12)

@@ -10,13 +10,13 @@ import numpy as np
 
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import FloatArray, InputError, polynomials
-from safe_ompl.motions.caps import MotionCaps
 from safe_ompl.motions.cells import BodySpeeds, Cells, divided_edges
 from safe_ompl.motions.limits import RATE_TOLERANCE, RateLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.separation import PeopleDistances
 from safe_ompl.motions.stops import Stops, stops_beside
 from safe_ompl.motions.timing import CELL_LENGTH, CELLS, within_tube
+from safe_ompl.motions.velocity_limits import TimingLimits
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People
 
@@ -188,7 +188,7 @@ def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, peo
             "limits",
         )
     checker = proof.checker
-    people = within_tube(MotionCaps(people), proof).people or people
+    people = within_tube(TimingLimits(people), proof).people or people
     # Jumps count too, because distances are kept from one piece to the next.
     off = motion.allowance.sum(axis=0)
     nearer = float((checker.robot.bounds.displacement_radii @ off).max(initial=0.0))

@@ -8,8 +8,8 @@ that a contact is harmless (`PeopleDistances`). Two functions use the same cells
   of size h, the stop ends within the cell, after 2h√x/(x − y). Where the motion itself accelerates more than the limit,
   x stays constant, and the stop accelerates no more than the motion. A stop also ends where the motion is at rest. No
   stop is needed there.
-* `people_caps` computes how fast the robot may follow a path. A stop decelerates by one number b per cell, and never
-  harder than at its beginning. Hence if a speed is allowed, all smaller speeds are allowed.
+* `people_velocity_limits` computes how fast the robot may follow a path. A stop decelerates by one number b per cell,
+  and never harder than at its beginning. Hence if a speed is allowed, all smaller speeds are allowed.
 
 There are two braking rules, because with stops that brake by b, splines beside a person would be proven only if they
 were up to 21 % slower (4 % in the mean of eight). While people move, the area they may reach changes at every tick:
@@ -23,15 +23,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, IntArray
-from safe_ompl.motions.caps import Standstill, StandstillError, bending_cap, braking
 from safe_ompl.motions.cells import BodySpeeds, Cells, divided_edges
 from safe_ompl.motions.contact import CLAMPING, CONTACT, SEPARATION
 from safe_ompl.motions.laws import squared_velocities_of_stop, stopping_speeds, time_left
 from safe_ompl.motions.limits import RATE_TOLERANCE, RateLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.separation import PeopleDistances, SeparationBounds
-from safe_ompl.motions.time_law import SmoothLimits, TimeLaw, best_window, velocity_cap
-from safe_ompl.motions.trajectory import SpeedCap
+from safe_ompl.motions.time_law import SmoothLimits, TimeLaw, best_window, joint_velocity_limit
+from safe_ompl.motions.trajectory import VelocityLimit
+from safe_ompl.motions.velocity_limits import Standstill, StandstillError, bending_velocity_limit, braking
 
 # Limits of dividing the cells of a timed motion: rounds, parts of a cell per round, and the least cell.
 _MOST_DIVISIONS = 6
@@ -137,10 +137,10 @@ def _finer(cells: Cells, left: FloatArray, where: IntArray, loss: FloatArray) ->
 # --------------------------------------------------------------- the largest speeds from which stops are in time
 
 
-def people_caps(
+def people_velocity_limits(
     motion: Motion, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances, loss: float
-) -> tuple[Cells, FloatArray, float, list[SpeedCap]]:
-    """Return cells, decelerations (N,) of stops in the cells, an averaging window [s], and the speed caps.
+) -> tuple[Cells, FloatArray, float, list[VelocityLimit]]:
+    """Return cells, decelerations (N,) of stops in the cells, an averaging window [s], and the velocity limits.
 
     In cell k a stop may decelerate by b_k = min_i (a_i − |q″_i|x_k)/|q′_i|, with the largest x_k = ṡ² there, and does
     not brake harder than at its beginning. The stop ends before a person comes nearer than the clearance, or the robot
@@ -153,19 +153,21 @@ def people_caps(
     """
     people, window = distances.people, 0.0
     for last in (False, True):
-        bending = bending_cap(cells, limits)
-        most = caps = np.minimum(velocity_cap(cells, limits), bending)
-        brakes = braking(cells, limits, caps)
-        left = distances.along(motion, cells, bodies, _MOST_STOP_TIME_FACTOR * float(caps.max() / brakes.min()))
+        bending = bending_velocity_limit(cells, limits)
+        most = velocity_limit = np.minimum(joint_velocity_limit(cells, limits), bending)
+        brakes = braking(cells, limits, velocity_limit)
+        left = distances.along(
+            motion, cells, bodies, _MOST_STOP_TIME_FACTOR * float(velocity_limit.max() / brakes.min())
+        )
         # For each of K groups of limbs (M,), the limb that arrives first in each cell (N, K), and its time.
         rows = [np.flatnonzero(distances.alike == group) for group in range(int(distances.alike.max()) + 1)]
         first = np.stack([row[left.times[:, row].argmin(axis=1)] for row in rows], axis=1)
         times = np.take_along_axis(left.times, first, axis=1)
         harmless = np.ascontiguousarray(left.harmless[:, first[0]])
         if limits.jerk is not None:
-            window = window or best_window(cells, limits, caps, times)
-            smooth = SmoothLimits.of(cells, limits, caps, window, stops=True)
-            most = smooth.cone(smooth.caps)
+            window = window or best_window(cells, limits, velocity_limit, times)
+            smooth = SmoothLimits.of(cells, limits, velocity_limit, window, stops=True)
+            most = smooth.cone(smooth.velocity_limit)
             brakes = np.minimum(braking(smooth.cells, limits, most), smooth.brakes)
             times = times - window
         ends = cells.last_before_stop
@@ -183,8 +185,8 @@ def people_caps(
         raise StandstillError(_standstill(motion, cells, int(where[j]), int(limb[j]), left, distances, window))
     caused = np.where(slow, np.where(left.clamped[where, limb], CLAMPING, CONTACT), SEPARATION)
     rules = (SEPARATION, CONTACT, CLAMPING) if people.contact else (SEPARATION,)
-    found = [SpeedCap(r, np.where((allowed < most) & (caused == r), allowed, np.inf)) for r in rules]
-    return cells, brakes, window, [SpeedCap("bends beside people", bending), *found]
+    found = [VelocityLimit(r, np.where((allowed < most) & (caused == r), allowed, np.inf)) for r in rules]
+    return cells, brakes, window, [VelocityLimit("blends beside people", bending), *found]
 
 
 def _parts(cells: Cells, left: SeparationBounds, limb: IntArray, where: IntArray, loss: float) -> IntArray:

@@ -118,7 +118,7 @@ def _spans(edges: FloatArray, squared_speeds: FloatArray) -> FloatArray:
     return np.asarray(np.divide(2 * sizes, both, out=np.zeros(len(sizes)), where=sizes > 0))
 
 
-def velocity_cap(cells: Cells, limits: RateLimits) -> FloatArray:
+def joint_velocity_limit(cells: Cells, limits: RateLimits) -> FloatArray:
     """Return the largest ṡ (N,) of each cell within the joint velocity limits: min_i limit_i/max|q′_i|."""
     dq_ds = cells.dq_ds
     with np.errstate(divide="ignore"):
@@ -126,11 +126,11 @@ def velocity_cap(cells: Cells, limits: RateLimits) -> FloatArray:
 
 
 def fastest_law(
-    cells: Cells, acceleration: FloatArray, cap: FloatArray, path_acceleration: FloatArray | None = None
+    cells: Cells, acceleration: FloatArray, velocity_limit: FloatArray, path_acceleration: FloatArray | None = None
 ) -> FloatArray:
-    """Return ṡ² (N+1,) of the fastest law within joint accelerations (n,) and a `cap: (N,)` of ṡ in each cell.
+    """Return ṡ² (N+1,) of the fastest law within joint accelerations (n,) and a `velocity_limit: (N,)` of ṡ.
 
-    The cap must not exceed that of the joint velocities. If `path_acceleration: (N,)` is given, it limits |s̈| in each
+    The velocity limit must not exceed that of the joints. If `path_acceleration: (N,)` is given, it limits |s̈| in each
     cell.
     """
     boxes = cells.boxes
@@ -139,7 +139,7 @@ def fastest_law(
         more = 1 / path_acceleration[:, None]
         boxes = Boxes(*(np.column_stack([box, k * more]) for box, k in zip(boxes, (1, 1, 0, 0), strict=True)))
         acceleration = np.append(acceleration, 1.0) * _TIGHTER
-    within = cap * cap
+    within = velocity_limit * velocity_limit
     most = np.minimum(np.append(within, 0.0), np.concatenate([[0.0], within]))
     most[cells.stops] = 0.0
     return np.asarray(fastest(cells.sizes, Boxes(*map(plain, boxes)), acceleration, most))
@@ -280,13 +280,13 @@ class SmoothLaw(TimeLaw):
 class SmoothLimits:
     """Limits of plans whose average over a window [s] keeps the joint limits, in every cell; see the module.
 
-    The ranges of q′ and q″ of `cells` include those of all cells within reach, and 0 for q″. `caps` (c) limits ṡ,
-    `accelerations` (A) limits |σ̈|, and `brakes` (B) limits the deceleration of a stop.
+    The ranges of q′ and q″ of `cells` include those of all cells within reach, and 0 for q″. `velocity_limit` (c)
+    limits ṡ, `accelerations` (A) limits |σ̈|, and `brakes` (B) limits the deceleration of a stop.
     """
 
     window: float
     cells: Cells
-    caps: FloatArray
+    velocity_limit: FloatArray
     accelerations: FloatArray
     brakes: FloatArray
 
@@ -295,52 +295,53 @@ class SmoothLimits:
         cls,
         cells: Cells,
         limits: RateLimits,
-        caps: FloatArray,
+        velocity_limit: FloatArray,
         window: float,
         *,
         stops: bool = False,
         share: float | None = None,
     ) -> SmoothLimits:
-        """Return the limits in cells in which ṡ ≤ `caps: (N,)`; `stops` tells whether the robot may stop at any time.
+        """Return the limits in cells in which ṡ ≤ `velocity_limit: (N,)`.
 
-        A `share` of the jerk may be that of q‴ṡ³.
+        `stops`: whether the robot may stop at any time. q‴ṡ³ may take a `share` of the jerk limit.
         """
         assert limits.jerk is not None
         usual, braking = (_BENDS_BESIDE_PEOPLE, BRAKING) if stops else (BENDS, 0.5)
         share = usual if share is None else share
         d2q_ds2 = cells.d2q_ds2
         with np.errstate(divide="ignore"):
-            caps = np.minimum(caps, np.cbrt((share * limits.jerk / cells.d3q_ds3).min(axis=1)))
-            caps = np.minimum(caps, np.sqrt((limits.acceleration / d2q_ds2).min(axis=1)))
+            velocity_limit = np.minimum(velocity_limit, np.cbrt((share * limits.jerk / cells.d3q_ds3).min(axis=1)))
+            velocity_limit = np.minimum(velocity_limit, np.sqrt((limits.acceleration / d2q_ds2).min(axis=1)))
             left = limits.jerk * np.where(cells.d3q_ds3 > 0, 1 - share, 1.0)
-            span = (left / (cells.dq_ds / window + 3 * d2q_ds2 * (braking * caps)[:, None])).min(axis=1)
+            span = (left / (cells.dq_ds / window + 3 * d2q_ds2 * (braking * velocity_limit)[:, None])).min(axis=1)
         span = np.minimum(span, np.linalg.norm(limits.acceleration) / braking)[:, None]  # of σ̈
         dq_ds_low, dq_ds_high, d2q_ds2_low, d2q_ds2_high = cells.boxes
         low, high = np.minimum(d2q_ds2_low, 0.0), np.maximum(d2q_ds2_high, 0.0)
         values = np.column_stack([dq_ds_low, -dq_ds_high, low, -high, span])
-        near = spread(cells.edges, _WIDER * window / 2 * caps, cells.stops, values, np.inf)
+        near = spread(cells.edges, _WIDER * window / 2 * velocity_limit, cells.stops, values, np.inf)
         parts = zip((1, -1, 1, -1), np.split(near[:, :-1], 4, axis=1), strict=True)
         wide = replace(cells, boxes=Boxes(*(sign * part for sign, part in parts)))
-        return cls(window, wide, caps, (1 - braking) * near[:, -1], braking * near[:, -1])
+        return cls(window, wide, velocity_limit, (1 - braking) * near[:, -1], braking * near[:, -1])
 
-    def cone(self, caps: FloatArray) -> FloatArray:
-        """Return limits (N, …) of σ̇ in each cell that imply ṡ ≤ `caps: (N, …)`."""
+    def cone(self, velocity_limit: FloatArray) -> FloatArray:
+        """Return limits (N, …) of σ̇ in each cell that imply ṡ ≤ `velocity_limit: (N, …)`."""
         width, cells = self.window / 2, self.cells
         # Cells farther away have no effect.
-        reach = np.full(len(cells), width * caps.max() * (1 + 1e-9))
-        return spread(cells.edges, reach, cells.stops, caps.reshape(len(cells), -1), width).reshape(caps.shape)
+        reach = np.full(len(cells), width * velocity_limit.max() * (1 + 1e-9))
+        found = spread(cells.edges, reach, cells.stops, velocity_limit.reshape(len(cells), -1), width)
+        return found.reshape(velocity_limit.shape)
 
-    def plan(self, limits: RateLimits, caps: FloatArray) -> FloatArray:
-        """Return σ̇² (N + 1,) of the fastest plan, with the additional limit ṡ ≤ `caps: (N,)`."""
-        caps = self.cone(np.minimum(caps, self.caps))
-        return fastest_law(self.cells, limits.acceleration, caps, self.accelerations)
+    def plan(self, limits: RateLimits, velocity_limit: FloatArray) -> FloatArray:
+        """Return σ̇² (N + 1,) of the fastest plan, with the additional limit ṡ ≤ `velocity_limit: (N,)`."""
+        velocity_limit = self.cone(np.minimum(velocity_limit, self.velocity_limit))
+        return fastest_law(self.cells, limits.acceleration, velocity_limit, self.accelerations)
 
-    def law(self, limits: RateLimits, caps: FloatArray) -> SmoothLaw:
+    def law(self, limits: RateLimits, velocity_limit: FloatArray) -> SmoothLaw:
         """Return the average of the fastest plan."""
-        return SmoothLaw.averaged(self.cells.edges, self.plan(limits, caps), self.cells.stops, self.window)
+        return SmoothLaw.averaged(self.cells.edges, self.plan(limits, velocity_limit), self.cells.stops, self.window)
 
 
-def best_window(cells: Cells, limits: RateLimits, caps: FloatArray, times: FloatArray | None = None) -> float:
+def best_window(cells: Cells, limits: RateLimits, velocity_limit: FloatArray, times: FloatArray | None = None) -> float:
     """Return the window [s] with which a law takes about the least time. With `times`, the law is beside people."""
     assert limits.jerk is not None
     stops = times is not None
@@ -350,11 +351,11 @@ def best_window(cells: Cells, limits: RateLimits, caps: FloatArray, times: Float
     window = max(_FIRST_WINDOW * float((cells.dq_ds * accelerations[:, None] / limits.jerk).max()), _LEAST_WINDOW)
     best, least, worse = window, np.inf, 0
     for _ in range(_MOST_WINDOWS):
-        smooth = SmoothLimits.of(cells, limits, caps, window, stops=stops)
-        speeds, duration = caps, np.inf
+        smooth = SmoothLimits.of(cells, limits, velocity_limit, window, stops=stops)
+        speeds, duration = velocity_limit, np.inf
         if times is not None:
             left = np.maximum(times.min(axis=1) - window, 0.0)
-            speeds = np.minimum(caps, np.minimum(smooth.brakes, accelerations) * left)
+            speeds = np.minimum(velocity_limit, np.minimum(smooth.brakes, accelerations) * left)
         if speeds.min() > 0:
             spans = _spans(cells.edges, smooth.plan(limits, speeds))
             duration = float(spans.sum()) + window * (len(cells.stops) + 1)

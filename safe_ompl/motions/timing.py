@@ -11,15 +11,21 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision import MotionProver
 from safe_ompl.common import InputError, instance, number
 from safe_ompl.motions.blends import blended
-from safe_ompl.motions.caps import MotionCaps, Standstill, StandstillError, bending_cap, speed_caps
 from safe_ompl.motions.cells import BodySpeeds
-from safe_ompl.motions.danger import danger_cap
+from safe_ompl.motions.danger import danger_velocity_limit
 from safe_ompl.motions.limits import RateLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.separation import PeopleDistances
-from safe_ompl.motions.stops import people_caps
-from safe_ompl.motions.time_law import SmoothLimits, TimeLaw, best_window, fastest_law, velocity_cap
-from safe_ompl.motions.trajectory import SpeedCap, Trajectory
+from safe_ompl.motions.stops import people_velocity_limits
+from safe_ompl.motions.time_law import SmoothLimits, TimeLaw, best_window, fastest_law, joint_velocity_limit
+from safe_ompl.motions.trajectory import Trajectory, VelocityLimit
+from safe_ompl.motions.velocity_limits import (
+    Standstill,
+    StandstillError,
+    TimingLimits,
+    bending_velocity_limit,
+    body_speed_limits,
+)
 from safe_ompl.robot import Robot
 
 BLEND_TOLERANCE = 0.05  # [rad] of blends
@@ -75,7 +81,7 @@ class PathTimer:
         Proves the blends at corners. Without it the robot stops at every corner.
     tolerance : float
         Largest distance of blends from the path [rad].
-    **caps
+    **speed_limits
         Further limits of the speed. `people` who may come near: the robot is nowhere faster than is proven to stop
         before they touch it. This needs `motion`, whose scene contains the people. `tool_speed` and `link_speed`:
         largest speed of the tip, and of any point of any link [m/s]. `max_danger`: largest value of `danger`, a
@@ -103,7 +109,7 @@ class PathTimer:
         *,
         motion: MotionProver | None = None,
         tolerance: float = BLEND_TOLERANCE,
-        **caps: Any,
+        **speed_limits: Any,
     ) -> None:
         self.robot = instance("robot", robot, Robot)
         self.limits = RateLimits.of(robot) if limits is None else instance("limits", limits, RateLimits)
@@ -111,8 +117,8 @@ class PathTimer:
             raise InputError(
                 f"the limits are for the joints {self.limits.joint_names}, the robot's are {robot.joint_names}"
             )
-        self.caps = within_tube(MotionCaps(**caps), motion)
-        self.motion, self.people = motion, self.caps.people
+        self.timing_limits = within_tube(TimingLimits(**speed_limits), motion)
+        self.motion, self.people = motion, self.timing_limits.people
         if self.people is not None and self.people.contact and self.limits.jerk is not None:
             raise InputError("contact is not proven with a limit of the jerk: leave one out", "people.contact")
         self.tolerance = number("tolerance", tolerance, at_least=0.0)
@@ -137,7 +143,7 @@ class PathTimer:
         """
         points = self.robot.way_points(path)
         if len(points) < 2:
-            raise InputError(f"a trajectory needs a path of two way points at least, got {len(points)}")
+            raise InputError(f"a trajectory needs a path of at least two way points, got {len(points)}")
         for k, q in enumerate(points):
             if (beyond := self.robot.beyond_limits(q)) is not None:
                 raise InputError(f"way point {k}: {beyond}")
@@ -145,23 +151,25 @@ class PathTimer:
 
     def along(self, motion: Motion, *, cells: int = CELLS) -> Trajectory:
         """Return the fastest trajectory along a path whose corners are already blended (`blended`); see `time`."""
-        limits, brakes, window, caps = self.limits, None, 0.0, list[SpeedCap]()
-        speeds = self.caps.tool_speed, self.caps.link_speed
+        limits, brakes, window, velocity_limits = self.limits, None, 0.0, list[VelocityLimit]()
+        speeds = self.timing_limits.tool_speed, self.timing_limits.link_speed
         coarse, step = cells < CELLS, motion.length / cells
         grid = motion.cells(step if coarse else min(CELL_LENGTH, step))
         if self.distances is not None:
             loss = _COARSE_TIME_LOSS if coarse else _FINE_TIME_LOSS
-            grid, brakes, window, caps = people_caps(motion, grid, self._bodies, limits, self.distances, loss)
+            grid, brakes, window, velocity_limits = people_velocity_limits(
+                motion, grid, self._bodies, limits, self.distances, loss
+            )
         elif limits.jerk is not None:
             few = motion.cells(motion.length / _WINDOW_SEARCH_CELLS, _WINDOW_SEARCH_TURN)
-            window = best_window(few, limits, velocity_cap(few, limits))
-        caps = [SpeedCap("joint velocity", velocity_cap(grid, limits)), *caps]
+            window = best_window(few, limits, joint_velocity_limit(few, limits))
+        velocity_limits = [VelocityLimit("joint velocity", joint_velocity_limit(grid, limits)), *velocity_limits]
         if any(speeds):
-            caps += speed_caps(self._bodies.bounds(motion, grid), *speeds)
-        danger, max_danger = self.caps.danger, self.caps.max_danger
+            velocity_limits += body_speed_limits(self._bodies.bounds(motion, grid), *speeds)
+        danger, max_danger = self.timing_limits.danger, self.timing_limits.max_danger
         if danger is not None and max_danger is not None:
-            most = np.min([cap.speeds for cap in caps], axis=0)
-            grid, of, allowed = danger_cap(motion, grid, danger, max_danger, most)
+            most = np.min([limit.speeds for limit in velocity_limits], axis=0)
+            grid, of, allowed = danger_velocity_limit(motion, grid, danger, max_danger, most)
             for j in np.flatnonzero(allowed <= 0):
                 q = motion.places(grid.centres[j : j + 1]).q[0]
                 reason = (
@@ -169,36 +177,36 @@ class PathTimer:
                     f"{max_danger:.4g} is allowed; allow more, or keep the path farther away"
                 )
                 raise StandstillError(Standstill(float(grid.centres[j]), q, reason))
-            caps = [replace(cap, speeds=cap.speeds[of]) for cap in caps]
+            velocity_limits = [replace(limit, speeds=limit.speeds[of]) for limit in velocity_limits]
             brakes = None if brakes is None else brakes[of]
-            caps.append(SpeedCap("danger", np.where(allowed < most[of], allowed, np.inf)))
-        most = np.min([cap.speeds for cap in caps], axis=0)
+            velocity_limits.append(VelocityLimit("danger", np.where(allowed < most[of], allowed, np.inf)))
+        most = np.min([limit.speeds for limit in velocity_limits], axis=0)
         if window:
-            own = velocity_cap(grid, limits)
-            own = own if self.people is None else np.minimum(own, bending_cap(grid, limits))
+            own = joint_velocity_limit(grid, limits)
+            own = own if self.people is None else np.minimum(own, bending_velocity_limit(grid, limits))
             smooth = SmoothLimits.of(grid, limits, own, window, stops=self.people is not None)
             law: TimeLaw = smooth.law(limits, most)
         else:
             law = TimeLaw.through(grid.edges, fastest_law(grid, limits.acceleration, most))
         kept = self.people, *speeds, danger, max_danger
-        return Trajectory(motion, law, limits, tuple(caps), brakes, *kept)
+        return Trajectory(motion, law, limits, tuple(velocity_limits), brakes, *kept)
 
 
-def within_tube(caps: MotionCaps, motion: MotionProver | None) -> MotionCaps:
+def within_tube(limits: TimingLimits, motion: MotionProver | None) -> TimingLimits:
     """Return the speed limits for a robot that may be anywhere in the tube of the prover.
 
     The tube is added to the clearance from people. Raises InputError for limits that cannot be proven within a tube.
     """
     if motion is None or not motion.separation.tube:
-        return caps
-    others = caps.tool_speed, caps.link_speed, caps.danger
-    if any(cap is not None for cap in others) or (caps.people is not None and caps.people.contact):
+        return limits
+    others = limits.tool_speed, limits.link_speed, limits.danger
+    if any(limit is not None for limit in others) or (limits.people is not None and limits.people.contact):
         raise InputError(
             "bounds positions, not velocities: speeds of tool, links and contacts, and danger in motion, cannot be "
             "proven within it",
             "tube",
         )
-    if caps.people is None:
-        return caps
+    if limits.people is None:
+        return limits
     nearer = motion.separation.swing(motion.checker)
-    return replace(caps, people=replace(caps.people, clearance=caps.people.clearance + nearer))
+    return replace(limits, people=replace(limits.people, clearance=limits.people.clearance + nearer))

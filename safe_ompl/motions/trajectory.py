@@ -32,7 +32,7 @@ RATE = 100.0  # [Hz]
 # Knots closer than this are merged.
 _EQUAL_TIMES = 1e-9  # [s]
 # A speed limit counts as reached if the speed comes within this share of it.
-_CAP_REACHED = 1e-6
+_LIMIT_REACHED = 1e-6
 # Points are added where limits are exceeded by more than this share. Slowing down removes a smaller excess.
 _REFINED_EXCESS = 1e-3
 _LEAST_POINT_DISTANCE = 1e-4  # [s] between points
@@ -53,16 +53,16 @@ class State(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SpeedCap:
+class VelocityLimit:
     """A limit of the path velocity that is proven over whole cells: the largest ṡ in each (N,) [rad/s]; inf: no limit.
 
-    The name is "joint velocity", "separation", "contact", "danger", "tool speed", "link speed", …. Caps of the speed of
-    tool or links have a `limit` [m/s].
+    The name is "joint velocity", "separation", "contact", "danger", "tool speed", "link speed", …. Limits of the
+    speed of tool or links have a `point_speed` [m/s].
     """
 
     name: str
     speeds: FloatArray
-    limit: float | None = None
+    point_speed: float | None = None
 
     @property
     def least(self) -> float:
@@ -82,10 +82,10 @@ class Trajectory:
         The time law: the position on the curve at each time.
     limits : RateLimits
         Limits that joint velocities, accelerations and, if limited, jerks keep at every instant.
-    caps : tuple of SpeedCap
+    velocity_limits : tuple of VelocityLimit
         Limits of the path velocity.
     brakes : ndarray, shape (N,), or None
-        Path deceleration of a stop in each cell [rad/s²], with which the caps for people are computed. If the jerk is
+        Path deceleration of a stop in each cell [rad/s²], with which the limits for people are computed. If the jerk is
         limited, it is the deceleration of the plan before smoothing.
     people : People or None
         People before whom the robot stops in time.
@@ -106,7 +106,7 @@ class Trajectory:
     curve: Motion
     law: TimeLaw
     limits: RateLimits
-    caps: tuple[SpeedCap, ...] = ()
+    velocity_limits: tuple[VelocityLimit, ...] = ()
     brakes: FloatArray | None = None
     people: People | None = None
     tool_speed: float | None = None
@@ -125,13 +125,14 @@ class Trajectory:
         return self.law.duration
 
     def __repr__(self) -> str:
-        caps = ", ".join(cap.name for cap in self.caps)
-        return f"Trajectory({self.duration:.3f} s, {self.curve.length:.3g} rad{', caps: ' + caps if caps else ''})"
+        names = ", ".join(limit.name for limit in self.velocity_limits)
+        limited = f", velocity limits: {names}" if names else ""
+        return f"Trajectory({self.duration:.3f} s, {self.curve.length:.3g} rad{limited})"
 
     def __str__(self) -> str:
-        """Return duration, length of the curve, and names of the speed caps, one per line."""
-        caps = ", ".join(cap.name for cap in self.caps) or "none"
-        return f"duration: {self.duration:.3f} s\nlength: {self.curve.length:.3g} rad\ncaps: {caps}"
+        """Return duration, length of the curve, and names of the velocity limits, one per line."""
+        names = ", ".join(limit.name for limit in self.velocity_limits) or "none"
+        return f"duration: {self.duration:.3f} s\nlength: {self.curve.length:.3g} rad\nvelocity limits: {names}"
 
     _repr_html_ = notebook_html
 
@@ -214,14 +215,14 @@ class Trajectory:
         return Trajectory(self.curve, law, self.limits)
 
     def binding(self) -> tuple[str | None, ...]:
-        """Return for each cell the name of the cap that the speed reaches, or None where acceleration limits bind."""
+        """Return for each cell the name of the limit that the speed reaches, or None where acceleration limits bind."""
         squared_speeds = self.law.plan_squared_speeds if isinstance(self.law, SmoothLaw) else self.law.squared_speeds
         fastest = np.sqrt(np.maximum(squared_speeds[1:], squared_speeds[:-1]))
         names: list[str | None] = [None] * len(fastest)
-        least = np.min([cap.speeds for cap in self.caps], axis=0, initial=np.inf)
-        for cap in self.caps:
-            for k in np.flatnonzero((cap.speeds <= least) & (fastest >= cap.speeds * (1 - _CAP_REACHED))):
-                names[int(k)] = cap.name
+        least = np.min([limit.speeds for limit in self.velocity_limits], axis=0, initial=np.inf)
+        for limit in self.velocity_limits:
+            for k in np.flatnonzero((limit.speeds <= least) & (fastest >= limit.speeds * (1 - _LIMIT_REACHED))):
+                names[int(k)] = limit.name
         return tuple(names)
 
     def danger(self, field: KinetostaticField) -> MotionDanger:
@@ -229,7 +230,7 @@ class Trajectory:
         return motion_danger(self.curve, self.law, field)
 
     def as_dict(self, rate: float = RATE) -> dict[str, Any]:
-        """Return the trajectory in the format of ROS's `JointTrajectory`, with duration, limits and caps added.
+        """Return the trajectory in the format of ROS's `JointTrajectory`, with additional keys.
 
         Parameters
         ----------
@@ -241,7 +242,8 @@ class Trajectory:
         dict
             ``joint_names``; ``points``, each with ``time_from_start`` [s], ``positions`` and ``velocities``, and
             ``accelerations`` if the jerk is limited; ``duration``; ``limits`` with ``velocity`` and ``acceleration`` by
-            joint; ``caps``, each with its ``name`` and ``least``, the smallest allowed path velocity (None: no limit).
+            joint; ``velocity_limits``, each with its ``name`` and ``least``, the smallest allowed path velocity
+            (None: no limit).
         """
         times, states = self.points(rate)
         rows = zip(*(values.tolist() for values in states.values()), strict=True)
@@ -253,7 +255,10 @@ class Trajectory:
             ],
             "duration": float(times[-1]),
             "limits": self.limits.as_dict(),
-            "caps": [{"name": cap.name, "least": cap.least if np.isfinite(cap.least) else None} for cap in self.caps],
+            "velocity_limits": [
+                {"name": limit.name, "least": limit.least if np.isfinite(limit.least) else None}
+                for limit in self.velocity_limits
+            ],
         }
 
     def to_json(self, rate: float = RATE) -> str:

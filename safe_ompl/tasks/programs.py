@@ -264,8 +264,8 @@ class _ProgramPlanner:
         result = setup.plan(time=left, seed=self._seed, simplify=setup.field is not None)
         if result.path is None:
             raise ImpossibleError(f"no path is found in {left:.2g} s")
-        caps = {key: getattr(self._scenario.motion, key) for key in ("tool_speed", "link_speed")}
-        timer = PathTimer(arm, self._cell.limits_of(arm), motion=setup.motion_prover, **caps)
+        speeds = {key: getattr(self._scenario.motion, key) for key in ("tool_speed", "link_speed")}
+        timer = PathTimer(arm, self._cell.limits_of(arm), motion=setup.motion_prover, **speeds)
         return self._cell.proven(step, state, *_points(timer.time(result.path), arm))
 
     def _line(self, step: Line | Seam, state: CellState, targets: list[pin.SE3]) -> Any:

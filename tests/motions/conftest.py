@@ -34,7 +34,7 @@ def instants(law, step=1e-3):
 
 @pytest.fixture(scope="session")
 def assert_within_limits():
-    """Return what looks at all rates and caps of a trajectory, at all these instants."""
+    """Return what looks at all rates and velocity limits of a trajectory, at all these instants."""
 
     def look(trajectory):
         t, kept = instants(trajectory.law), 1 + 1e-9
@@ -45,8 +45,10 @@ def assert_within_limits():
             assert (abs(trajectory.jerks_at(t)) <= limits.jerk * kept).all()
             changes = abs(np.diff(state.qdd, axis=0))
             assert (changes <= limits.jerk * (1 + 1e-6) * np.diff(t)[:, None] + 1e-7).all()
-        if trajectory.caps:
+        if trajectory.velocity_limits:
             cell, _, speed, _ = trajectory.law.at(t)
-            assert (speed <= np.min([cap.speeds for cap in trajectory.caps], axis=0)[cell] * kept + 1e-9).all()
+            assert (
+                speed <= np.min([limit.speeds for limit in trajectory.velocity_limits], axis=0)[cell] * kept + 1e-9
+            ).all()
 
     return look

@@ -9,7 +9,7 @@ from scipy.optimize import linprog
 
 from safe_ompl import DangerField, DangerLimit, InputError, Motion, RateLimits, TipBounds, time_path
 from safe_ompl.collision import Separation
-from safe_ompl.motions import SmoothLimits, blended, first_unproven, rate_violations, velocity_cap
+from safe_ompl.motions import SmoothLimits, blended, first_unproven, joint_velocity_limit, rate_violations
 from safe_ompl.motions.laws import fastest
 
 HOME = np.array([0.0, 0, 0, -1.5, 0, 1.5, 0])
@@ -106,20 +106,22 @@ def test_a_limit_of_the_jerk_costs_little_and_nothing_where_it_does_not_bind(pan
 
 
 def test_any_caps_are_kept(panda):
-    """Whatever caps of cells are, not only such as robots have; `time_path` is not asked."""
+    """Whatever the velocity limits of the cells are, not only such as robots have; `time_path` is not asked."""
     rng = np.random.default_rng(1)
     limits = RateLimits.of(panda, 2.0, 5.0, 60.0)
     forward, still = np.full(7, 7**-0.5), np.zeros(7)
     curve = Motion([0.0, 2.0], [[still, 2.0 * forward]], timed=False)
     cells = curve.cells(0.02)
     for scale, window in ((0.05, 0.02), (0.5, 0.1), (5.0, 0.4)):
-        caps = np.minimum(5.2, scale * 10 ** rng.uniform(-1, 1, len(cells)))
-        caps[rng.integers(0, len(cells), 3)] = 1e-3
-        law = SmoothLimits.of(cells, limits, velocity_cap(cells, limits), window).law(limits, caps)
+        velocity_limits = np.minimum(5.2, scale * 10 ** rng.uniform(-1, 1, len(cells)))
+        velocity_limits[rng.integers(0, len(cells), 3)] = 1e-3
+        law = SmoothLimits.of(cells, limits, joint_velocity_limit(cells, limits), window).law(limits, velocity_limits)
         t = np.unique(np.clip(np.append(np.arange(0.0, law.duration, 1e-3), law.knots), 0.0, law.duration))
         _, s, speed, push = law.at(t)
-        at, after = (np.clip(np.searchsorted(cells.edges, s + x) - 1, 0, len(caps) - 1) for x in (-1e-12, 1e-12))
-        assert (speed <= np.maximum(caps[at], caps[after]) * (1 + 1e-9)).all()
+        at, after = (
+            np.clip(np.searchsorted(cells.edges, s + x) - 1, 0, len(velocity_limits) - 1) for x in (-1e-12, 1e-12)
+        )
+        assert (speed <= np.maximum(velocity_limits[at], velocity_limits[after]) * (1 + 1e-9)).all()
         assert abs(push).max() <= 5.0 * 7**0.5 * (1 + 1e-9)
         assert abs(law.jerks(t)).max() <= 60.0 * 7**0.5 * (1 + 1e-9)
         assert (np.diff(s) >= -1e-12).all()
@@ -245,7 +247,7 @@ def test_limits_hold_between_points_at_any_rate(panda, shelf_path, shelf_motion,
 @pytest.mark.parametrize(
     ("path", "message"),
     [
-        ([[0.0] * 7], "two way points at least, got 1"),
+        ([[0.0] * 7], "at least two way points, got 1"),
         ([[0.0] * 7, [np.nan] * 7], "path: must be finite"),
         ([[0, 0, 0, -1, 0, 1, 0.0]] * 2, "the path does not move"),
         ([[0, 0, 0, -1, 0, 1, 0], [9, 0, 0, -1, 0, 1, 0]], "way point 1: joint 'panda_joint1' = 9 is outside"),

@@ -1,4 +1,4 @@
-"""The danger of a robot in motion: bounds over cells, the cap of the speed, and the profile of a trajectory."""
+"""The danger of a robot in motion: bounds over cells, the velocity limit, and the profile of a trajectory."""
 
 from dataclasses import replace
 
@@ -45,17 +45,17 @@ def test_the_cap_keeps_the_danger_and_costs_little(panda, free, panda_limits, ag
     alone = time_path(path, panda, panda_limits, motion=free)
     danger = alone.danger(field)
     limit = (danger.peak + field.field.values(alone.at(danger.times).q).max()) / 2
-    capped = time_path(path, panda, panda_limits, motion=free, danger=field, max_danger=limit)
-    assert capped.caps[-1].name == "danger"
-    assert "danger" in capped.binding()
+    limited = time_path(path, panda, panda_limits, motion=free, danger=field, max_danger=limit)
+    assert limited.velocity_limits[-1].name == "danger"
+    assert "danger" in limited.binding()
     smooth = replace(panda_limits, jerk=500 * panda_limits.acceleration)
     assert time_path(path, panda, smooth, motion=free, danger=field, max_danger=limit).danger(field).peak <= limit
-    state = capped.at(np.linspace(0, capped.duration, 5000))
+    state = limited.at(np.linspace(0, limited.duration, 5000))
     danger = field.values(state.q, state.qd)
     assert 0.95 * limit < danger.max() <= limit
-    assert alone.duration < capped.duration
+    assert alone.duration < limited.duration
     loose = time_path(path, panda, panda_limits, motion=free, danger=field, max_danger=1e3)
-    assert loose.caps[-1].least == np.inf
+    assert loose.velocity_limits[-1].least == np.inf
 
 
 def test_the_danger_of_a_trajectory(panda, free, panda_limits):

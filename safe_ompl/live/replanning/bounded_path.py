@@ -34,16 +34,16 @@ from safe_ompl.motions import (
     Cells,
     ContactLimits,
     Motion,
-    MotionCaps,
     RateLimits,
     SmoothLimits,
+    TimingLimits,
     Trajectory,
-    bending_cap,
+    bending_velocity_limit,
+    body_speed_limits,
     braking,
     ceilings,
     drive,
-    speed_caps,
-    velocity_cap,
+    joint_velocity_limit,
 )
 from safe_ompl.robot import Robot
 
@@ -68,7 +68,7 @@ _EQUAL_PLACES = 1e-9  # [rad]
 # Rounding changes a speed by no more than this share.
 _NEARLY = 1e-9
 # Caps of trajectories that the replanner derives itself at every tick.
-_DERIVED = ("joint velocity", "bends beside people", *CONTACT_RULES)
+_DERIVED = ("joint velocity", "blends beside people", *CONTACT_RULES)
 # Contact is not allowed anywhere.
 _NO_CONTACT: FloatArray = np.zeros((0, 0, 0))
 _NOWHERE: FloatArray = np.zeros((0, 0))
@@ -133,16 +133,19 @@ class SpeedLimits:
     link_speed: float | None = None
 
     def __post_init__(self) -> None:
-        MotionCaps(tool_speed=self.tool_speed, link_speed=self.link_speed)  # refuses what is absurd
+        # This raises InputError if a limit is not a possible speed.
+        TimingLimits(tool_speed=self.tool_speed, link_speed=self.link_speed)
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> SpeedLimits:
-        """Return those of a trajectory; raise InputError if it has a cap that holds on its own curve only."""
-        speeds = {cap.name: cap.limit for cap in trajectory.caps}
-        for cap in trajectory.caps:
-            if cap.limit is None and cap.name not in _DERIVED:
+        """Return the limits of a trajectory. Raises InputError if a limit is only proven on its own curve."""
+        speeds = {limit.name: limit.point_speed for limit in trajectory.velocity_limits}
+        for limit in trajectory.velocity_limits:
+            if limit.point_speed is None and limit.name not in _DERIVED:
                 raise InputError(
-                    f"the cap {cap.name!r} holds on its own curve only: time it without that", "trajectory"
+                    f"the limit {limit.name!r} is proven on the trajectory's own curve only: "
+                    "time it without this limit",
+                    "trajectory",
                 )
         return cls(trajectory.limits, speeds.get(TOOL_SPEED), speeds.get(LINK_SPEED))
 
@@ -331,20 +334,20 @@ class BoundedPath:
         curve: Motion,
         limits: SpeedLimits,
         step: float = STEP,
-        bends: Callable[[Cells, RateLimits], FloatArray] = bending_cap,
+        corner_limit: Callable[[Cells, RateLimits], FloatArray] = bending_velocity_limit,
     ) -> BoundedPath:
-        """Return the path along a curve, in cells no longer than a step [rad]; ṡ is no larger than `bends` (N,)."""
+        """Return the path along a curve, in cells no longer than a step [rad]; ṡ is at most `corner_limit` (N,)."""
         cells, joints = curve.cells(step), limits.joints
-        speeds = np.minimum(velocity_cap(cells, joints), bends(cells, joints))
+        speeds = np.minimum(joint_velocity_limit(cells, joints), corner_limit(cells, joints))
         of_bodies = bodies.speeds.bounds(curve, cells)
-        for cap in speed_caps(of_bodies, limits.tool_speed, limits.link_speed):
-            speeds = np.minimum(speeds, cap.speeds)
+        for limit in body_speed_limits(of_bodies, limits.tool_speed, limits.link_speed):
+            speeds = np.minimum(speeds, limit.speeds)
         travel = np.ascontiguousarray(of_bodies[:, bodies.moving] * cells.sizes[:, None] / 2)
         frames = bodies.frames(curve.at(cells.centres), travel)
         smooth = None
         if joints.jerk is not None:
             smooth = SmoothLimits.of(cells, joints, speeds, averaging_window(joints), stops=True, share=BENDS)
-            speeds = smooth.cone(smooth.caps)
+            speeds = smooth.cone(smooth.velocity_limit)
         brakes = _brakes(cells, joints, speeds, smooth)
         return cls(bodies, curve, limits, cells, speeds * speeds, brakes, frames, smooth)
 

@@ -140,8 +140,8 @@ class Detours:
     def _full_times(self, q: FloatArray) -> FloatArray:
         """Return lower bounds (N,) [s] of the times of motions to all milestones without people."""
         distances = np.linalg.norm(self._tips - self._tip(q), axis=1)
-        cap = min(self.limits.tool_speed or np.inf, self.limits.link_speed or np.inf)
-        return np.asarray(np.maximum(self._joint_times(q), distances / cap))
+        limit = min(self.limits.tool_speed or np.inf, self.limits.link_speed or np.inf)
+        return np.asarray(np.maximum(self._joint_times(q), distances / limit))
 
     # ------------------------------------------------------------------------------------------------------ edges
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, finite_array, number, polynomials
 from safe_ompl.live.replanning.bounded_path import BENDS, averaging_window
-from safe_ompl.motions import BRAKING, Cells, Motion, RateLimits, State, bending_cap
+from safe_ompl.motions import BRAKING, Cells, Motion, RateLimits, State, bending_velocity_limit
 from safe_ompl.robot import Robot
 
 # Stops at full speed may use at least this share of the accelerations, and velocities are approached with this share.
@@ -96,7 +96,7 @@ def least_brake(limits: RateLimits) -> float:
     return min(least, float(of_plan.min()))
 
 
-def proposed_cap(cells: Cells, limits: RateLimits) -> FloatArray:
+def proposed_velocity_limit(cells: Cells, limits: RateLimits) -> FloatArray:
     """Return the largest ṡ ≤ 1 (N,) at which the accelerations leave enough for a stop within the window.
 
     It is |q″|ṡ² ≤ a − b|q′|, b the least braking, or |q″|ṡ² ≤ a/2, whichever allows more: with the latter a/2|q′| is
@@ -105,7 +105,7 @@ def proposed_cap(cells: Cells, limits: RateLimits) -> FloatArray:
     room = limits.acceleration - least_brake(limits) * cells.dq_ds
     squares = np.divide(room, cells.d2q_ds2, out=np.full_like(room, np.inf), where=cells.d2q_ds2 > 0)
     fastest = np.sqrt(np.maximum(squares.min(axis=1), 0.0))
-    return np.asarray(np.minimum(1.0, np.maximum(fastest, bending_cap(cells, limits))))
+    return np.asarray(np.minimum(1.0, np.maximum(fastest, bending_velocity_limit(cells, limits))))
 
 
 @dataclass(frozen=True)
@@ -268,7 +268,7 @@ def _bent(spline: Motion, d2: FloatArray, rate: float, jerk: FloatArray) -> Moti
 
 
 def _can_begin(curve: Motion, rate: float, limits: RateLimits) -> bool:
-    """Return whether `proposed_cap` allows a ṡ where a curve begins."""
+    """Return whether `proposed_velocity_limit` allows a ṡ where a curve begins."""
     begin, most = curve.places(np.zeros(1)), limits.acceleration
     room = np.maximum(most - least_brake(limits) * np.abs(begin.dq_ds[0]), _ACCELERATION_SHARE * most)
     return bool((np.abs(begin.d2q_ds2[0]) * rate * rate <= room).all())

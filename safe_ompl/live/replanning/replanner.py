@@ -105,10 +105,10 @@ class Replanner(CommandProver):
     def start(self, trajectory: Trajectory, others: Sequence[FloatArray] = ()) -> None:
         """Follow a trajectory from where the robot stands; detours may lead to other goals `others`, each (n,).
 
-        The curve of the trajectory is proven again against all still obstacles. Its limits and speed caps hold, except
-        the caps for people. Its time law is not used: the robot is as fast as limits and people allow. Raises
+        The curve of the trajectory is proven again against all still obstacles. Its limits hold, except the limits
+        for people. Its time law is not used: the robot is as fast as limits and people allow. Raises
         InputError if the robot moves or stands elsewhere; if the trajectory has other joints or is not free; or if it
-        has a cap that is proven on its own curve only, such as a cap for danger.
+        has a limit that is proven on its own curve only, such as the danger limit.
         """
         if trajectory.joint_names != self.robot.joint_names:
             raise InputError(

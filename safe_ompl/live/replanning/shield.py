@@ -33,7 +33,7 @@ from safe_ompl.common import FloatArray, InputError, SafeOmplError, finite_array
 from safe_ompl.live import ReachSets
 from safe_ompl.live.replanning.bounded_path import Around, BoundedPath, SpeedLimits, averaging_window
 from safe_ompl.live.replanning.commands import Action, Command, CommandProver
-from safe_ompl.live.replanning.proposals import HARDEST, Positions, Velocity, least_brake, proposed_cap
+from safe_ompl.live.replanning.proposals import HARDEST, Positions, Velocity, least_brake, proposed_velocity_limit
 from safe_ompl.motions import Motion, RateLimits, State
 
 _log = logging.getLogger(__name__)
@@ -333,7 +333,7 @@ class Shield(CommandProver):
         return 0.0, first
 
     def _path(self, curve: Motion) -> BoundedPath:
-        path = BoundedPath.along(self.bodies, curve, self.limits, _CELL, proposed_cap)
+        path = BoundedPath.along(self.bodies, curve, self.limits, _CELL, proposed_velocity_limit)
         return replace(path, brakes=np.minimum(path.brakes, HARDEST))
 
 

@@ -49,10 +49,10 @@ def test_the_command_times_and_writes_joint_trajectories(scenario_file, tmp_path
     assert plot.stat().st_size > 10_000
     assert "timed: " in capsys.readouterr().out
     told = json.loads(file.read_text())
-    assert {"joint_names", "points", "duration", "limits", "caps"} <= set(told)
-    assert [cap["name"] for cap in told["caps"]] == [
+    assert {"joint_names", "points", "duration", "limits", "velocity_limits"} <= set(told)
+    assert [limit["name"] for limit in told["velocity_limits"]] == [
         "joint velocity",
-        "bends beside people",
+        "blends beside people",
         "separation",
         "tool speed",
     ]
@@ -97,9 +97,9 @@ def test_danger_in_motion_is_told_and_kept(beside_her, tmp_path, capsys):
     field = result.danger_field()
     assert field.gamma == 1
     limit = 0.5 * (free.danger(KinetostaticField(field)).peak + field.values(free.at(free.law.times).q).max())
-    capped = result.timed(max_danger=limit)
-    assert capped.duration > free.duration
-    assert capped.danger(KinetostaticField(field)).peak <= limit
+    limited = result.timed(max_danger=limit)
+    assert limited.duration > free.duration
+    assert limited.danger(KinetostaticField(field)).peak <= limit
     file = tmp_path / "dangerous.yaml"
     motion = replace(beside_her.motion, max_danger=limit)
     replace(beside_her, motion=motion, people=None, danger={"gamma": 0.0}).save(file)

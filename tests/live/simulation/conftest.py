@@ -82,11 +82,11 @@ def shield_for(panda, table):
 
 @pytest.fixture
 def to_and_fro(panda):
-    """Return a function that makes the trajectories there and back for a replanner, perhaps with caps of speed."""
+    """Return a function that makes the trajectories there and back for a replanner, perhaps with limits of speed."""
 
-    def make(replanner, **caps):
+    def make(replanner, **speeds):
         limits = RateLimits.of(panda, acceleration=PANDA_ACCELERATIONS)
-        return [time_path(way, panda, limits, motion=replanner.prover, **caps) for way in (WAYS, WAYS[::-1])]
+        return [time_path(way, panda, limits, motion=replanner.prover, **speeds) for way in (WAYS, WAYS[::-1])]
 
     return make
 

@@ -29,23 +29,23 @@ def fastest_tip(panda, commands):
     return found
 
 
-@pytest.mark.parametrize(("bound", "cap"), [(0.1, None), (0.1, 1.0), (0.0, 1.0), (0.5, None)])
+@pytest.mark.parametrize(("bound", "limit"), [(0.1, None), (0.1, 1.0), (0.0, 1.0), (0.5, None)])
 def test_where_the_way_is_barred_another_one_is_taken_under_the_same_limits(
-    replanner_for, to_and_fro, drive, panda, bound, cap
+    replanner_for, to_and_fro, drive, panda, bound, limit
 ):
     """The slower it is, the nearer to an obstacle it comes before it stands: nearer than large cells can tell."""
     replanner = replanner_for("ball", ball=bound)
-    way = to_and_fro(replanner, tool_speed=cap)[0]
+    way = to_and_fro(replanner, tool_speed=limit)[0]
     commands = drive(replanner, way, lambda t: BARRED, 20.0)
     assert commands[-1].action is Action.DONE
     assert paths(commands) > 1
     np.testing.assert_allclose(commands[-1].at(100.0).q, way.at(way.duration).q, atol=1e-6)
-    if cap is None:
+    if limit is None:
         waiting = drive(replanner_for("ball", ball=bound), way, lambda t: BARRED, 5.0, think=False)
         assert waiting[-1].action is Action.STANDING
         assert fastest_tip(panda, commands) > 1.2
     else:
-        assert 0.5 < fastest_tip(panda, commands) <= 1.001 * cap
+        assert 0.5 < fastest_tip(panda, commands) <= 1.001 * limit
 
 
 def test_other_ways_keep_the_limits_of_the_motion(panda, table, to_and_fro, drive):

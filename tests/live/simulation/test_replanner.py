@@ -54,7 +54,7 @@ class Attack(NamedTuple):
     limbs: tuple = ()  # of a person; none: a ball
     contact: bool = False
     promised: float = 1.6
-    cap: float | None = None  # of tool and links
+    limit: float | None = None  # of tool and links
 
     def run(self, replanner, trajectory, tracker):
         """Return the least distance while the robot moves, all touches, and the commands."""
@@ -97,7 +97,7 @@ ATTACKS = (
     Attack(0.2, (0.8, 0.7, 0.45)),
     Attack(0.6, (0.6, -0.8, 0.4)),
     Attack(0.9, (0.75, 0.75, 0.3)),
-    Attack(0.7, (0.55, 0.0, 0.45), speed=0.1, promised=0.1, cap=1.0),
+    Attack(0.7, (0.55, 0.0, 0.45), speed=0.1, promised=0.1, limit=1.0),
     Attack(0.3, (1.0, -0.3, -0.9), limbs=("head", "torso", "right_forearm")),
     Attack(0.8, (-0.9, 0.2, -0.9), limbs=("head", "torso", "right_forearm")),
     Attack(0.3, (1.25, -0.1, -0.9), limbs=ARM, contact=True),
@@ -112,8 +112,8 @@ def test_no_adversary_touches_a_robot_that_moves_but_where_that_is_borne(panda, 
     tracker = type(tracker)(tracker.skeleton, TrackedBody(1.75, attack.limbs))
     who = ({"anna": tracker}, {}) if attack.limbs else ({}, {"ball": attack.promised})
     replanner = Replanner(panda, Surroundings(table, *who, people))
-    caps = {} if attack.cap is None else {"tool_speed": attack.cap, "link_speed": 1.5 * attack.cap}
-    least, touches, commands = attack.run(replanner, to_and_fro(replanner, **caps)[0], tracker)
+    speeds = {} if attack.limit is None else {"tool_speed": attack.limit, "link_speed": 1.5 * attack.limit}
+    least, touches, commands = attack.run(replanner, to_and_fro(replanner, **speeds)[0], tracker)
     rules = {command.rule for command in commands}
     if attack.limbs != ARM:
         assert least > 0
@@ -250,12 +250,12 @@ def test_what_cannot_be_is_refused(replanner_for, to_and_fro, panda, table, trac
     arm = time_path([[0, -1.5, 1, 0, 0, 0], [1, -1.5, 1, 0, 0, 0]], ur5, RateLimits.of(ur5))
     down = time_path([[0.0, 0.5, 0, -2.0, 0, 2.2, 0.785], [0.0, 1.6, 0, -1.0, 0, 2.2, 0.785]], panda)
     slow = to_and_fro(replanner, tool_speed=0.5)[0]
-    for cap in slow.caps:
-        object.__setattr__(cap, "limit", None)  # such as of danger: it is proven on its own curve only
+    for limit in slow.velocity_limits:
+        object.__setattr__(limit, "point_speed", None)
     for trajectory, message in (
         (arm, "the trajectory is of the joints"),
         (down, "is not proven free of still obstacles"),
-        (slow, "trajectory: the cap 'tool speed' holds on its own curve only"),
+        (slow, "trajectory: the limit 'tool speed' is proven on the trajectory's own curve only"),
     ):
         with pytest.raises(InputError, match=message):
             replanner_for("ball").start(trajectory)

@@ -10,17 +10,17 @@ from safe_ompl.common import RATE_BOUNDS, FloatArray, InputError, SafeOmplError,
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.motions.cells import Cells
 from safe_ompl.motions.limits import RateLimits
-from safe_ompl.motions.trajectory import SpeedCap
+from safe_ompl.motions.trajectory import VelocityLimit
 from safe_ompl.scene import People
 
-# Names of speed caps.
+# Names of velocity limits.
 TOOL_SPEED, LINK_SPEED = "tool speed", "link speed"
 # Share of the acceleration limits that blends may use beside people. The rest is left for braking.
 BENDING = 0.5
 
 
 @dataclass(frozen=True)
-class MotionCaps:
+class TimingLimits:
     """Limits of a trajectory's speed, besides the joint limits; see `PathTimer`."""
 
     people: People | None = None
@@ -64,7 +64,7 @@ class StandstillError(SafeOmplError):
     >>> path = [[0.9, -1.2, 1.4, -1.8, -1.57, 0.0], [-0.9, -1.2, 1.4, -1.8, -1.57, 0.0]]
     >>> time_path(path, robot, RateLimits.of(robot, acceleration=8.0), motion=prover, people=People(speed=1.6))
     Traceback (most recent call last):
-    safe_ompl.motions.caps.StandstillError: nothing allows the robot to move at 0.401 rad of its path: 'anna' ...
+    safe_ompl.motions.velocity_limits.StandstillError: nothing allows the robot to move at 0.401 rad ...
     """
 
     def __init__(self, standstill: Standstill) -> None:
@@ -77,7 +77,7 @@ class StandstillError(SafeOmplError):
         return type(self), (self.standstill,)
 
 
-def bending_cap(cells: Cells, limits: RateLimits) -> FloatArray:
+def bending_velocity_limit(cells: Cells, limits: RateLimits) -> FloatArray:
     """Return the largest ṡ (N,) at which blends use half of the acceleration limits. The rest is left for braking."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.sqrt((BENDING * limits.acceleration / cells.d2q_ds2).min(axis=1)))
@@ -91,11 +91,16 @@ def braking(cells: Cells, limits: RateLimits, speeds: FloatArray) -> FloatArray:
         return np.asarray(np.where(dq_ds > 0, rest / dq_ds, np.inf).min(axis=1))
 
 
-def speed_caps(speeds: FloatArray, tool_speed: float | None, link_speed: float | None) -> tuple[SpeedCap, ...]:
-    """Return the caps for speed limits [m/s] of the tip and of all points of all bodies; `speeds` of `BodySpeeds`."""
-    caps = []
+def body_speed_limits(
+    speeds: FloatArray, tool_speed: float | None, link_speed: float | None
+) -> tuple[VelocityLimit, ...]:
+    """Return the velocity limits for speed limits [m/s] of the tip and of all points of all bodies.
+
+    `speeds` is computed by `BodySpeeds`.
+    """
+    found = []
     for name, limit, bound in ((TOOL_SPEED, tool_speed, speeds[:, -1]), (LINK_SPEED, link_speed, speeds.max(axis=1))):
         if limit is not None:
             with np.errstate(divide="ignore"):
-                caps.append(SpeedCap(name, np.where(bound > 0, limit / bound, np.inf), limit))
-    return tuple(caps)
+                found.append(VelocityLimit(name, np.where(bound > 0, limit / bound, np.inf), limit))
+    return tuple(found)
