@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench import _harness, worth
+from bench import _harness, fresh, worth
 from bench._harness import Report, bench, in_turn, markdown_table, names, run
 from safe_ompl import plan_program
 from safe_ompl.live import find_skeleton
@@ -39,6 +39,7 @@ def files(tmp_path_factory):
 SMALL = {
     "certify": "--edges 14 --hard 14 --paths 1 --only verdicts hard danger",
     "field": "--rounds 2",
+    "fresh": None,  # test_a_fresh_machine_has_what_its_row_says
     "hard": "--problems 0:1 --time 1 --families RRTConnect",
     "live": "{files} --sample 1 --places 1 --seconds 0.5 --policies ours,half-speed,alone",
     "motion": "--edges 2 --rounds 2",
@@ -96,6 +97,23 @@ def test_a_bench_in_miniature(name, files, tmp_path, monkeypatch):
     for table in found["tables"]:
         assert table["rows"]
         assert {len(row) for row in table["rows"]} == {len(table["header"])}
+
+
+def test_a_fresh_machine_has_what_its_row_says(tmp_path, monkeypatch):
+    commands = tmp_path / "commands"
+    commands.mkdir()
+    for name in ("gcc", "x86_64-linux-gnu-gcc-12", "c++", "git", "python3"):
+        (commands / name).touch()
+    with monkeypatch.context() as patched:
+        patched.setenv("PATH", str(commands))
+        fresh.link_tools(fresh.Machine("no compiler", compiler=False), tmp_path / "tools")
+    assert {file.name for file in (tmp_path / "tools").iterdir()} == {"git", "python", "python3"}
+    first, second = fresh.readme_commands()
+    assert "compare" in first
+    assert "pytest" in second
+    seconds, ending = fresh.seconds_of(fresh.Machine("usual"), "echo no disk >&2; exit 3")
+    assert seconds < fresh.PATIENCE
+    assert ending == "status 3: no disk"
 
 
 def test_what_is_not_there_is_said(capsys):
