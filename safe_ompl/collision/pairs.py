@@ -53,6 +53,11 @@ class PairTable:
             self._upper[[name in geometry.movable for name in names]] = -np.inf
 
     @cached_property
+    def _reaches(self) -> ConvexBodies:
+        """Cylinders that the moving bodies never leave, and the obstacles, with their present poses."""
+        return self.robot.bounds.reach_bodies[1].joined(self._obstacles)
+
+    @cached_property
     def convex_bodies(self) -> ConvexBodies:
         """Convex bodies that contain the G bodies, with the present poses of obstacles."""
         return self.robot.bounds.convex_bodies.joined(self._obstacles)
@@ -75,12 +80,12 @@ class PairTable:
 
     def _nearer_than(self, distance: float) -> BoolArray:
         """Return for each pair (T,) whether its bodies can come nearer to each other than a distance [m]."""
-        (cylinders, reaches), parts = self.robot.bounds.reach_bodies, self.geometry.parts
+        cylinders, parts = self.robot.bounds.reach_bodies[0], self.geometry.parts
         k, m = np.nonzero((self._lower < distance) & (self._upper >= distance))
         found = np.full(len(k), -np.inf)
         if len(k) and self._obstacles.bounded:
             pairs = np.stack([m, len(cylinders) + k], axis=1)
-            found = pair_bounds(reaches.joined(self._obstacles).table, pairs, distance)
+            found = pair_bounds(self._reaches.table, pairs, distance)
         self._lower[k, m] = np.maximum(self._lower[k, m], found)
         near, exact = found < distance, self._obstacles.exact[k]
         # For near pairs only this bound is known.
@@ -97,7 +102,8 @@ class PairTable:
 
     def follow(self) -> None:
         """Recompute data that depend on the poses of obstacles, after a move."""
-        vars(self).pop("convex_bodies", None)
+        for name in ("convex_bodies", "_reaches"):
+            vars(self).pop(name, None)
         self._measure()
 
     def _measure(self) -> None:

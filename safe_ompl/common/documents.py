@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import MISSING, Field, dataclass, field, fields
+from functools import cache
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
@@ -457,9 +458,10 @@ class Section:
             }
 
 
-def keys_of(cls: type[Any]) -> list[Field[Any]]:
+@cache
+def keys_of(cls: type[Any]) -> tuple[Field[Any], ...]:
     """Return the fields of a class that are made by `key`."""
-    return [item for item in fields(cls) if "read" in item.metadata]
+    return tuple(item for item in fields(cls) if "read" in item.metadata)
 
 
 def _default(item: Field[Any]) -> Any:

@@ -283,8 +283,7 @@ class ConvexBodies:
 
     def joined(self, others: ConvexBodies) -> ConvexBodies:
         """Return these bodies followed by `others`. None of these may be a solid of cells."""
-        bodies = np.empty(len(self.bodies) + len(others.bodies), BODY)
-        bodies[: len(self.bodies)], bodies[len(self.bodies) :] = self.bodies, others.bodies
+        bodies = _in_a_row([self.bodies, others.bodies])
         starts, vertices = self.starts, self.vertices
         if len(others.vertices) > 1:
             bodies["first_cell"][len(self.bodies) :] += np.where(others.bodies["first_cell"] > 0, len(starts) - 2, 0)
@@ -301,8 +300,14 @@ class ConvexBodies:
             nodes.append(solid.tree)
             cells.append(levels)
         return ConvexBodies(
-            np.concatenate(cells), starts, vertices, self.bounded and others.bounded, exact, {}, np.concatenate(nodes)
+            _in_a_row(cells), starts, vertices, self.bounded and others.bounded, exact, {}, _in_a_row(nodes)
         )
+
+
+def _in_a_row(tables: Sequence[Records]) -> Records:
+    """Return the records of tables of one type, one table after the other, in new memory."""
+    # NumPy copies records field by field, which takes eight times as long as copying their bytes.
+    return np.concatenate([table.view(np.uint8) for table in tables]).view(tables[0].dtype)
 
 
 class _Summands(NamedTuple):

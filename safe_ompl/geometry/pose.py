@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -99,7 +100,7 @@ class Pose:
                 document.check_keys(value, POSE_KEYS)
                 return cls.from_mapping(value)
         if isinstance(value, pin.SE3):
-            matrix = np.array(value.homogeneous)
+            rotation, position = value.rotation, value.translation
         elif not isinstance(value, (np.ndarray, list, tuple)):
             raise InputError(f"must be a Pose, a pin.SE3 or a 4×4 matrix, got {shown(value)}", key)
         elif np.ndim(value[0] if len(value) else 0) == 0:
@@ -107,13 +108,15 @@ class Pose:
                 return cls(document.numbers("position", value, 3))
         else:
             matrix = finite_array(value, (4, 4), key)
-        rotation = matrix[:3, :3]
+            rotation, position = matrix[:3, :3], matrix[:3, 3]
+            if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+                raise InputError(f"must be a rigid transform, got {matrix.round(4).tolist()}", key)
         quaternion = pin.Quaternion(rotation)
         quaternion.normalize()
-        apart = np.abs(quaternion.toRotationMatrix() - rotation).max()
-        if not apart <= _NORM_TOLERANCE or matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        if not np.abs(quaternion.toRotationMatrix() - rotation).max() <= _NORM_TOLERANCE:
+            matrix = np.column_stack([rotation, position])
             raise InputError(f"must be a rigid transform, got {matrix.round(4).tolist()}", key)
-        return cls(tuple(matrix[:3, 3].tolist()), tuple(quaternion.coeffs().tolist()))
+        return cls(tuple(position.tolist()), tuple(quaternion.coeffs().tolist()))
 
     @classmethod
     def from_rpy(cls, position: Sequence[float], rpy: Sequence[float]) -> Pose:
@@ -214,8 +217,10 @@ def _angles(key: str, angles: tuple[float, ...]) -> tuple[float, ...]:
 def _unit_quaternion(value: Any) -> tuple[float, ...]:
     if isinstance(value, pin.Quaternion):
         value = value.coeffs()
-    quaternion = np.array(document.numbers("quaternion_xyzw", value, 4))
+    quaternion = document.numbers("quaternion_xyzw", value, 4)
+    if abs(math.hypot(*quaternion) - 1) <= _UNIT_ROUNDING:
+        return quaternion
     norm = float(np.linalg.norm(quaternion))
     if abs(norm - 1) > _NORM_TOLERANCE:
-        raise InputError(f"{quaternion.tolist()} must have length 1, not {norm:.4g}", "quaternion_xyzw")
-    return tuple((quaternion if abs(norm - 1) <= _UNIT_ROUNDING else quaternion / norm).tolist())
+        raise InputError(f"{list(quaternion)} must have length 1, not {norm:.4g}", "quaternion_xyzw")
+    return tuple(number / norm for number in quaternion)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pkgutil import resolve_name
 from time import perf_counter
 from typing import Any
@@ -67,6 +68,7 @@ def needs_place(name: str) -> bool:
     return name in _PYTHON and issubclass(_kind(name).plans_to, WorkspaceGoal)
 
 
+@cache
 def _kind(name: str) -> type[SafePlanner]:
     """Import and return the class of a planner of this package."""
     kind: type[SafePlanner] = resolve_name(f"{__package__}.{_PYTHON[name][0]}")
