@@ -33,7 +33,7 @@ from safe_ompl import CollisionChecker, Motion, MotionProver, Robot, SafeSetup, 
 from safe_ompl.collision import Separation
 from safe_ompl.common import FloatArray, polynomials
 from safe_ompl.motions import check_with, repair_with
-from safe_ompl.motions.pieces import piece_proofs
+from safe_ompl.motions.pieces import PieceProofs
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.safe_setup import connecting
 
@@ -161,7 +161,7 @@ def pieces(options: argparse.Namespace, report: Report) -> int:
         for name, robot, scene in problems()
     ]
     for _, proof, _ in chosen:  # kernels are compiled before the first piece
-        next(iter(piece_proofs(random_piece(proof.checker.robot, np.random.default_rng(0)).motion, proof))).verdict()
+        PieceProofs(random_piece(proof.checker.robot, np.random.default_rng(0)).motion, proof)[0].verdict()
     found: dict[str, Counter[str]] = {}
     for k in range(options.first, options.first + options.number):
         name, proof, plain = chosen[k % len(chosen)]
@@ -172,7 +172,7 @@ def pieces(options: argparse.Namespace, report: Report) -> int:
             (piece, _), kind = near_piece(proof.checker.robot, plain, rng), f"{name}, near"
         counts = found.setdefault(kind, Counter())
         before, begin = replace(proof.checker.counts), process_time()
-        verdict = next(iter(piece_proofs(piece.motion, proof))).verdict()
+        verdict = PieceProofs(piece.motion, proof)[0].verdict()
         counts["time"] += int(1e9 * (process_time() - begin))
         work = proof.checker.counts - before
         counts["bounds"] += work.bound_queries
@@ -263,9 +263,9 @@ def times(options: argparse.Namespace, report: Report) -> int:
             found: dict[bool, list[tuple[float, ...]]] = {True: [], False: []}
             contradicted = 0
             for motion in (next(made) for _ in range(options.splines)):
-                list(piece_proofs(motion, proof))  # what proves it within its rounding
+                pieces = PieceProofs(motion, proof)  # what proves it within its rounding
                 before, begin = replace(proof.checker.counts), process_time()
-                proven = all(piece.proven() for piece in piece_proofs(motion, proof))
+                proven = all(pieces[k].proven() for k in range(len(pieces)))
                 milliseconds = 1e3 * (process_time() - begin)
                 work = proof.checker.counts - before
                 queries = work.margin_queries + work.collision_queries
@@ -317,7 +317,7 @@ def tubes(options: argparse.Namespace, report: Report) -> int:
             tube = rng.uniform(0.0, 10.0 ** rng.uniform(-3.5, -1.3), robot.n)
             separation = Separation(tube=tuple(tube.tolist()))
             proof = MotionProver(checker, separation=separation)
-            if not next(iter(piece_proofs(motion, proof))).proven():
+            if not PieceProofs(motion, proof)[0].proven():
                 continue
             proven += 1
             t = np.linspace(motion.times[0], motion.times[-1], 9)
@@ -406,7 +406,7 @@ def repair_rows(name: str, known: object, rounds: int) -> list[tuple[object, ...
                 if check_with(motion, proof):
                     continue
                 begin = process_time()
-                repair = repair_with(motion, proof, connect=connecting(setup, 3.0))
+                repair = repair_with(motion, proof, connect=connecting(lambda s=setup: SafeSetup(s.robot, s.scene), 3.0))
                 milliseconds = 1e3 * (process_time() - begin)
                 after = repair.motion
                 t = np.linspace(after.times[0], after.times[-1], 20_000)

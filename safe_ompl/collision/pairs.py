@@ -251,6 +251,8 @@ class PairSet:
         It is coal that measures, and what is known of each is what `DistanceBounds.near` says after row and pair.
         """
         found, on_first, placed = np.zeros((len(rows), 8)), np.zeros((len(rows), 3)), -1
+        if not len(rows):
+            return found
         with self.changes.read_lock():
             own = self._coal.own
             for c, (row, pair) in enumerate(zip(rows.tolist(), pairs.tolist(), strict=True)):
@@ -258,12 +260,25 @@ class PairSet:
                     self._counts.distance_queries += 1
                     own.place(Q[row])
                     placed = row
-                distance, (on_first[c], on_second), _ = own.nearest(pair)
+                distance, (on_first[c], on_second), out = own.nearest(pair)
                 way = on_first[c] - on_second
-                normal = way / max(float(np.sqrt(way @ way)), _TINY)
+                normal = way / max(float(np.sqrt(way @ way)), _TINY) if distance > 0.0 else -out
                 found[c, 0], found[c, 4:7], found[c, 7] = distance, normal, normal @ on_second
         found[:, 1:4] = _in_joint_frames(self._robot, Q[rows], self.carriers[pairs, 0], on_first)
         return found
+
+    def near(self, Q: FloatArray, within: float) -> FloatArray:
+        """Return which pairs are nearer than a distance [m] at `Q: (B, n)`, as a table like `DistanceBounds.near`.
+
+        Coal measures pairs in contact, whose normal is the shortest way out, and those that are not exact.
+        """
+        with self.changes.read_lock():
+            bounds = self.bounds
+            table = bounds.near(Q, bounds.some(np.arange(len(self.bodies))), within)
+            rows, pairs = table[:, :2].T.astype(np.intp)
+            others = np.flatnonzero(~bounds.exact[pairs] | (table[:, 2] == -np.inf))
+            table[others, 2:] = self.measured(Q, rows[others], pairs[others])
+        return np.asarray(table[table[:, 2] < within])
 
     def distances(self, Q: FloatArray, pairs: IntArray) -> FloatArray:
         """Return the distances (B, K) [m] of pairs (K,) at `Q: (B, n)`; ≤ 0 in contact."""
@@ -272,10 +287,10 @@ class PairSet:
         with self.changes.read_lock():
             near = self.bounds.near(Q, self.bounds.some(pairs[exact]), np.inf)
             found[:, exact] = near[:, 2].reshape(len(Q), np.count_nonzero(exact))
-            own = self._coal.own
             for row, q in zip(found, Q, strict=True):
                 left = np.flatnonzero(row == -np.inf)  # including pairs in contact
                 if len(left):
+                    own = self._coal.own
                     own.place(q)
                     row[left] = [own.nearest(pair).distance for pair in pairs[left].tolist()]
         self._counts.distance_queries += len(Q)

@@ -68,17 +68,17 @@ def hermite(
     ends of each piece. The degree is 1 with positions only, 3 with velocities, and 5 with accelerations, too.
     """
     start, step = positions[:, 0], positions[:, 1] - positions[:, 0]
-    points = [np.zeros_like(step), step]
     size = np.abs(step)
-    if velocities is not None:
-        degree = 3 if accelerations is None else 5
-        out, back = np.moveaxis(velocities * (spans / degree)[:, None, None], 1, 0)
-        size = size + 2 * np.maximum(np.abs(out), np.abs(back))
-        points = [points[0], out, step - back, step]
-        if accelerations is not None:
-            bend, turn = np.moveaxis(accelerations * (spans**2 / 20)[:, None, None], 1, 0)
-            size += np.maximum(np.abs(bend), np.abs(turn))
-            points = [points[0], out, 2 * out + bend, step - 2 * back + turn, step - back, step]
+    if velocities is None:
+        return np.stack([start, step], axis=1), 3 * (4 * EPS * size + 8 * EPS * size)
+    degree = 3 if accelerations is None else 5
+    out, back = np.moveaxis(velocities * (spans / degree)[:, None, None], 1, 0)
+    size = size + 2 * np.maximum(np.abs(out), np.abs(back))
+    points = [np.zeros_like(step), out, step - back, step]
+    if accelerations is not None:
+        bend, turn = np.moveaxis(accelerations * (spans**2 / 20)[:, None, None], 1, 0)
+        size += np.maximum(np.abs(bend), np.abs(turn))
+        points = [points[0], out, 2 * out + bend, step - 2 * back + turn, step - back, step]
     coefficients, rounding = powers(np.stack(points, axis=1), 8 * EPS * size)
     coefficients[:, 0] = start
     return coefficients, rounding

@@ -7,6 +7,7 @@ from .checks import (
     check_many as check_many,
     check_with as check_with,
     prove_many as prove_many,
+    prover_of as prover_of,
     retime as retime,
     way_of as way_of,
     why_unproven as why_unproven,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from itertools import compress
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -27,7 +26,7 @@ from safe_ompl.common import (
 from safe_ompl.motions.constraints import Constraints, claims_of
 from safe_ompl.motions.limits import RateLimits
 from safe_ompl.motions.motion import Motion
-from safe_ompl.motions.pieces import piece_proofs, proven_by_bounds
+from safe_ompl.motions.pieces import PieceProofs
 from safe_ompl.motions.rates import DISTANCES, Violation, rate_violations, stops_of
 from safe_ompl.motions.stops import Stops
 from safe_ompl.motions.timing import time_path
@@ -147,7 +146,7 @@ def check(
     the curve itself (`docs/how-it-works.md` §4), and so are stops (§9). For samples with a bound of the velocity, the
     proof covers every motion through the samples that keeps the bound.
     """
-    return check_with(motion, _proof(robot, scene, constraints, tube), limits, people)
+    return check_with(motion, prover_of(robot, scene, constraints, tube), limits, people)
 
 
 # The results of a check that worker processes send back. They are kept small to keep the transfer fast.
@@ -170,7 +169,7 @@ def check_many(
     `workers` is less than 1. The other arguments, `constraints` and `tube`, and the errors are those of `check`. An
     error names the motion by its index, counted from 0.
     """
-    proof, given = _proof(robot, scene, **wanted), list(motions)
+    proof, given = prover_of(robot, scene, **wanted), list(motions)
 
     def found(some: range) -> list[_CheckParts]:
         checks = list[_CheckParts]()
@@ -206,7 +205,7 @@ def prove_many(
     among `workers` threads. For frequent queries, build the prover once and call `MotionProver.are_free`. Errors are
     those of `are_free` and `check`.
     """
-    free = _proof(robot, scene, constraints).are_free(starts, ends, workers=workers)
+    free = prover_of(robot, scene, constraints).are_free(starts, ends, workers=workers)
     robot.check_turns(np.asarray(starts), np.asarray(ends), "motions")
     return free
 
@@ -216,15 +215,25 @@ def check_with(
 ) -> MotionCheck:
     """Check a motion as `check` does, with an existing `MotionProver`, within a time [s]."""
     end = perf_counter() + number("time", time, above=0.0, kind="number of seconds")
-    limits = None if limits is None else instance("limits", limits, RateLimits)
     robot = proof.checker.robot
-    motion = Motion.of(motion, space=robot).for_robot(robot)
+    pieces = PieceProofs(Motion.of(motion, space=robot).for_robot(robot), proof)
+    undecided = pieces.undecided()
+    if undecided:
+        pieces = PieceProofs(pieces.motion, replace(proof, stop=lambda: perf_counter() > end))
+    return check_of(pieces, undecided, proof, limits, people)
+
+
+def check_of(
+    pieces: PieceProofs, undecided: list[int], proof: MotionProver, limits: RateLimits | None, people: People | None
+) -> MotionCheck:
+    """Return the check of a motion all of whose pieces are proven but the undecided ones, which are proven now."""
+    motion, robot = pieces.motion, proof.checker.robot
+    limits = None if limits is None else instance("limits", limits, RateLimits)
     stops = None if people is None else stops_of(motion, proof, limits, people)
     found = rate_violations(motion, robot, limits)
     outside = {violation.names[0] for violation in found if violation.kind == "position"}
     stretches: list[Violation] = []
-    pieces = list(piece_proofs(motion, replace(proof, stop=lambda: perf_counter() > end)))
-    for piece in compress(pieces, ~proven_by_bounds(pieces)):
+    for piece in map(pieces.__getitem__, undecided):
         verdict = piece.verdict()
         joint, what = verdict.pair or ("", "")
         # Beyond the joint limits the pairs and motion bounds do not hold, so only the violated limit is known.
@@ -275,14 +284,14 @@ def widest_tube(
     if not 0 < tolerance < 1:
         raise InputError(f"tolerance must be between 0 and 1, got {tolerance!r}")
     motion = Motion.of(motion, space=robot).for_robot(robot)
-    proof = _proof(robot, scene, constraints)
+    proof = prover_of(robot, scene, constraints)
     # Pieces that failed in the last attempt are checked first, because they probably fail again.
     order = list(range(motion.pieces))
 
     def proven(width: float) -> bool:
         tube = tuple((width * shape).tolist())
         within = replace(proof, separation=replace(proof.separation, tube=tube))
-        pieces = list(piece_proofs(motion, within))
+        pieces = PieceProofs(motion, within)
         for k in order:
             if not pieces[k].proven():
                 order.insert(0, order.pop(order.index(k)))
@@ -300,12 +309,13 @@ def widest_tube(
     return low * shape
 
 
-def _proof(
+def prover_of(
     robot: Robot,
     scene: Scene,
     constraints: Constraints | None = None,
     tube: ArrayLike | Mapping[str, float] | None = None,
 ) -> MotionProver:
+    """Return the prover of a robot in a scene, with the distances, limits and tube that `check` takes."""
     wanted = Constraints() if constraints is None else instance("constraints", constraints, Constraints)
     if tube is not None:
         wanted = wanted.with_separation(tube=tube_of(tube, robot))

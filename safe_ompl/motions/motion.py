@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from math import factorial, perm
 from typing import Any
 
@@ -199,12 +199,16 @@ class Motion:
         rad, which suggests degrees.
         """
         order = forms.columns(self.joint_names, self.n, robot)
-        units = np.where(robot.prismatic, 1.0, np.pi / 180 if degrees else 1.0)
-        coefficients = self.coefficients[:, :, order] * units
-        slack, rounding = (None if rest is None else rest[:, order] * units for rest in (self.slack, self.rounding))
-        limited = ~(robot.prismatic | robot.continuous)
-        ends = coefficients[-1].sum(axis=0)
-        far = np.abs([*coefficients[:, 0], ends]).max(axis=0) * limited
+        found = self
+        if degrees or order != list(range(self.n)):
+            units = np.where(robot.prismatic, 1.0, np.pi / 180 if degrees else 1.0)
+            coefficients = self.coefficients[:, :, order] * units
+            slack, rounding = (None if rest is None else rest[:, order] * units for rest in (self.slack, self.rounding))
+            if degrees:
+                error = 2 * polynomials.EPS * np.abs(coefficients).sum(axis=1)
+                rounding = error if rounding is None else rounding + error
+            found = replace(self, coefficients=coefficients, joint_names=None, slack=slack, rounding=rounding)
+        far = np.abs(found.knots).max(axis=0) * ~(robot.prismatic | robot.continuous)
         if (far > _PROBABLY_DEGREES).any():
             joint = robot.joint_names[int(far.argmax())]
             raise InputError(
@@ -212,23 +216,28 @@ class Motion:
                 "say so (degrees=True, --degrees)",
                 "motion",
             )
-        if degrees:
-            error = 2 * polynomials.EPS * np.abs(coefficients).sum(axis=1)
-            rounding = error if rounding is None else rounding + error
-        return Motion(self.times, coefficients, robot.joint_names, slack, self.timed, rounding, corners=self.corners)
+        if found.joint_names != robot.joint_names:
+            # Only the names change, so nothing is validated again.
+            found = copy(found)
+            object.__setattr__(found, "joint_names", robot.joint_names)
+        return found
 
     def cut(self, cuts: Mapping[int, FloatArray]) -> Motion:
         """Return the motion with some of its pieces cut at increasing fractions in (0, 1)."""
         if not cuts:
             return self
-        times, of, coefficients = [float(self.times[0])], [], []
-        for k, curve in enumerate(self.coefficients):
-            ends = [0.0, *cuts.get(k, np.zeros(0)).tolist(), 1.0]
-            begin, end = float(self.times[k]), float(self.times[k + 1])
-            for low, high in pairwise(ends):
-                coefficients.append(curve if len(ends) == 2 else polynomials.restricted(curve, low, high))
-                times.append(end if high == 1.0 else begin + high * (end - begin))
-                of.append(k)
+        counts = np.ones(self.pieces, dtype=np.intp)
+        counts[list(cuts)] += [len(at) for at in cuts.values()]
+        of = np.repeat(np.arange(self.pieces), counts)
+        low, high = np.zeros(len(of)), np.ones(len(of))
+        for k, at in cuts.items():
+            last = int(counts[: k + 1].sum())
+            low[last - len(at) : last] = high[last - len(at) - 1 : last - 1] = at
+        coefficients = self.coefficients[of]
+        parts = counts[of] > 1
+        coefficients[parts] = polynomials.restricted(coefficients[parts], low[parts], high[parts])
+        begins, ends = self.times[of], self.times[of + 1]
+        times = np.append(self.times[0], np.where(high == 1.0, ends, begins + high * (ends - begins)))
         size = np.abs(self.coefficients).sum(axis=1)
         rounding = np.zeros_like(size) if self.rounding is None else self.rounding
         rounding = (rounding + 4 * (self.degree + 1) * polynomials.EPS * size)[of]
@@ -236,8 +245,8 @@ class Motion:
         corners = tuple(np.searchsorted(of, self.corners).tolist())
         return replace(
             self,
-            times=np.array(times),
-            coefficients=np.array(coefficients),
+            times=times,
+            coefficients=coefficients,
             slack=slack,
             rounding=rounding,
             corners=corners,

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from safe_ompl.collision import MotionProver, MotionVerdict, ToolLimit, ToolOrientation, Verdict
-from safe_ompl.common import BoolArray, FloatArray, polynomials
+from safe_ompl.common import FloatArray, polynomials
 from safe_ompl.danger import DangerLimit
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.rates import Violation
+from safe_ompl.robot import plain
 
 _OUT_OF_TIME = "out of time"
 # The shortest stretch that is reported as unproven, as a share of a piece.
@@ -51,24 +53,32 @@ class PieceProof(NamedTuple):
         whole = (low, high) == (0.0, 1.0)
         return self.proof.check_curve(self.curve if whole else polynomials.restricted(self.curve, low, high))
 
-    def unproven(self, low: float = 0.0, high: float = 1.0) -> Iterator[Violation]:
-        """Yield short unproven stretches between two fractions of the piece, by time."""
-        found = self.verdict(low, high)
-        if found.verdict is Verdict.FREE:
-            return
-        if self.proof.stop():
+    def unproven(self) -> Iterator[Violation]:
+        """Yield short unproven stretches of the piece, by time."""
+        stretches = np.array([[0.0, 1.0]])
+        while len(stretches) and stretches[0, 1] - stretches[0, 0] > _LEAST_REPORTED_SHARE:
+            # Most halves are proven by bounds, all halves of one length at once.
+            middles = stretches.mean(axis=1)
+            stretches = np.stack([stretches[:, 0], middles, middles, stretches[:, 1]], axis=1).reshape(-1, 2)
+            if not self.proof.limits:
+                curves = np.broadcast_to(self.curve, (len(stretches), *self.curve.shape))
+                halves = plain(polynomials.restricted(curves, *stretches.T))
+                stretches = stretches[~self.proof.proven_by_bounds(halves)]
+            else:
+                proven = [self.verdict(low, high).verdict is Verdict.FREE for low, high in stretches.tolist()]
+                stretches = stretches[~np.array(proven)]
+        for low, high in stretches.tolist():
+            found = self.verdict(low, high)
+            if found.verdict is Verdict.FREE:
+                continue
             first, last = self.time(low), self.time(high)
-            yield Violation(_OUT_OF_TIME, first, last, first, (), decided=False)
-            return
-        if high - low > _LEAST_REPORTED_SHARE:
-            middle = 0.5 * (low + high)
-            yield from self.unproven(low, middle)
-            yield from self.unproven(middle, high)
-            return
-        u = low + (0.5 if found.at is None else found.at) * (high - low)
-        stretch = Violation("collision", self.time(low), self.time(high), self.time(u), ())
-        decided = found.verdict is Verdict.BLOCKED
-        yield replace(stretch, decided=decided, **self._values(found, self.place(u)))
+            if self.proof.stop():
+                yield Violation(_OUT_OF_TIME, first, last, first, (), decided=False)
+                continue
+            u = low + (0.5 if found.at is None else found.at) * (high - low)
+            stretch = Violation("collision", first, last, self.time(u), ())
+            decided = found.verdict is Verdict.BLOCKED
+            yield replace(stretch, decided=decided, **self._values(found, self.place(u)))
 
     def _values(self, found: MotionVerdict, q: FloatArray) -> dict[str, Any]:
         """Return kind, names, value and limit of a violation at `q: (n,)`."""
@@ -100,24 +110,39 @@ class PieceProof(NamedTuple):
         return {**given, "kind": "clearance", "limit": asked or None, "nearer": least - asked}
 
 
-def proven_by_bounds(pieces: Sequence[PieceProof]) -> BoolArray:
-    """Return which pieces (K,) distance bounds prove in one pass. The other pieces are undecided."""
-    proof = pieces[0].proof
-    if proof.limits or any(piece.proof is not proof for piece in pieces):
-        return np.zeros(len(pieces), dtype=bool)
-    return proof.proven_by_bounds(np.array([piece.curve for piece in pieces]))
+class PieceProofs:
+    """The proofs of the K pieces of a motion, whose joints are in the robot's order.
 
+    `tubes: (1, n)` is the tube in which all pieces are proven, or `tubes: (K, n)` are those of the pieces: the tube of
+    the prover with the allowances of the motion.
+    """
 
-def piece_proofs(motion: Motion, proof: MotionProver) -> Iterator[PieceProof]:
-    """Yield the proofs of the pieces of a motion, whose joints are in the robot's order."""
-    separation, allowance = proof.separation, motion.allowance
-    if motion.slack is None:
-        # All pieces get the same allowance for rounding, so that they share a proof.
-        allowance = np.broadcast_to(allowance.max(axis=0), allowance.shape)
-    tube = np.array(separation.tube or np.zeros(motion.n))
-    within = {tube.tobytes(): proof}
-    for k, row in enumerate(tube + allowance):
-        if row.tobytes() not in within:
-            within[row.tobytes()] = replace(proof, separation=replace(separation, tube=tuple(row.tolist())))
-        span = float(motion.times[k]), float(motion.times[k + 1])
-        yield PieceProof(k, motion.coefficients[k], span, within[row.tobytes()])
+    def __init__(self, motion: Motion, proof: MotionProver) -> None:
+        separation, allowance = proof.separation, motion.allowance
+        if motion.slack is None:
+            # All pieces get the same allowance for rounding, so that they share a prover.
+            allowance = allowance.max(axis=0, keepdims=True)
+        tube = np.array(separation.tube or np.zeros(motion.n))
+        self.motion, self.tubes = motion, tube + allowance
+        within = {tube.tobytes(): proof}
+        for row in self.tubes:
+            if row.tobytes() not in within:
+                within[row.tobytes()] = replace(proof, separation=replace(separation, tube=tuple(row.tolist())))
+        self._provers = [within[row.tobytes()] for row in self.tubes]
+
+    def __len__(self) -> int:
+        return self.motion.pieces
+
+    def __getitem__(self, k: int) -> PieceProof:
+        begin, end = self.motion.times[k : k + 2].tolist()
+        prover = self._provers[k] if len(self._provers) > 1 else self._provers[0]
+        return PieceProof(k, self.motion.coefficients[k], (begin, end), prover)
+
+    def undecided(self, numbers: Sequence[int] | None = None) -> list[int]:
+        """Return which of some pieces, by default of all, distance bounds do not prove, in one pass."""
+        chosen = list(range(len(self)) if numbers is None else numbers)
+        first = self._provers[0]
+        if not chosen or first.limits or any(prover is not first for prover in self._provers):
+            return chosen
+        curves = self.motion.coefficients if numbers is None else self.motion.coefficients[chosen]
+        return list(compress(chosen, ~first.proven_by_bounds(curves)))

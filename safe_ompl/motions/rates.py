@@ -159,6 +159,8 @@ def _worst(
     robot: Robot, order: int, kind: str, times: FloatArray, values: FloatArray, excess: FloatArray, limits: FloatArray
 ) -> Iterator[Violation]:
     """Yield the largest excess > 0 of each joint in each run of rows; arrays are (K, n)."""
+    if (excess <= 0.0).all():
+        return
     excess = np.where(np.isnan(excess), np.inf, excess)
     for joint in np.flatnonzero((excess > 0).any(axis=0)).tolist():
         rows = np.flatnonzero(excess[:, joint] > 0)

@@ -13,16 +13,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import compress
 
 import numpy as np
 
 from safe_ompl.collision import MotionProver, Verdict
 from safe_ompl.common import FloatArray, InputError, IntArray, notebook_html, polynomials
-from safe_ompl.motions.checks import MotionCheck, check_with
+from safe_ompl.motions.checks import MotionCheck, check_of, check_with
 from safe_ompl.motions.limits import RateLimits
 from safe_ompl.motions.motion import Motion
-from safe_ompl.motions.pieces import PieceProof, piece_proofs, proven_by_bounds
+from safe_ompl.motions.pieces import PieceProofs
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People
 
@@ -34,9 +33,9 @@ Connect = Callable[[FloatArray, FloatArray], "FloatArray | None"]
 # Unproven pieces and their neighbours are divided into spans [rad or m]; the second number is the largest number of
 # attempts. Short spans come first: they change less of the motion, but cannot move it as far.
 _SPANS = ((0.06, 6), (0.2, 16))
-# Distances are looked at where a piece that is not proven is at these fractions.
-_GRADIENT_PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)
 # Fractions of an unproven piece at which distances are computed.
+_GRADIENT_PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)
+# Distances to keep beyond the required ones. Each is tried `_ATTEMPTS` times.
 _EXTRA_DISTANCES = (5e-4, 1e-3, 2e-3, 4e-3)  # [m]
 _ATTEMPTS = 4
 # Share of the previous moves that is kept: none in the first attempts, then more with each attempt, so that attempts do
@@ -130,7 +129,8 @@ def repair_with(
         return check_with(candidate, proof, limits, people=people)
 
     if not displacement.bad:
-        return _slowed(Repair(motion, proven(motion), "unchanged"), proven)
+        check = check_of(displacement.given, [], proof, limits, people)
+        return _slowed(Repair(motion, check, "unchanged"), proven)
     for name, q in (("start", motion.knots[0]), ("end", motion.knots[-1])):
         if proof.check(q, q).verdict is not Verdict.FREE:
             return Repair(motion, proven(motion), f"its {name} cannot be proven, and ends are kept")
@@ -140,7 +140,8 @@ def repair_with(
     if result is None:
         how = "nothing near it could be proven" + ", and no way round was found" * (connect is not None)
         return Repair(motion, proven(motion), how)
-    return _slowed(_measured(motion, result, proven(result), how, proof), proven)
+    check = check_of(result, [], proof, limits, people)
+    return _slowed(_measured(motion, result.motion, check, how, proof), proven)
 
 
 def _slowed(repair: Repair, proven: Callable[[Motion], MotionCheck]) -> Repair:
@@ -181,26 +182,29 @@ def _slowed(repair: Repair, proven: Callable[[Motion], MotionCheck]) -> Repair:
 
 
 class Displacement:
-    """Moves a motion by B-splines until it is proven. `bad` lists the pieces that are not proven."""
+    """Moves a motion by B-splines until it is proven.
+
+    `given` are the proofs of its pieces, and `bad` the pieces that are not proven.
+    """
 
     def __init__(self, motion: Motion, proof: MotionProver) -> None:
-        self._proof, self._given = proof, motion
-        pieces = list(piece_proofs(motion, proof))
-        self.bad = [piece.number for piece in compress(pieces, ~proven_by_bounds(pieces)) if not piece.proven()]
+        self._proof, self.given = proof, PieceProofs(motion, proof)
+        self.bad = [k for k in self.given.undecided() if not self.given[k].proven()]
 
-    def moved(self) -> Motion | None:
+    def moved(self) -> PieceProofs | None:
         """Return the motion moved away from obstacles that are too near, or None if no such motion is proven."""
-        motion = self._given
+        motion = self.given.motion
         near = {k + side for k in self.bad for side in (-1, 0, 1)} & set(range(motion.pieces))
         for span, attempts in _SPANS:
-            found = self._proven_near(_divided(motion, near, span), attempts)
+            divided, of = _divided(motion, near, span)
+            found = self._proven_near(divided, attempts, set(np.flatnonzero(np.isin(of, self.bad)).tolist()))
             if found is not None:
                 return found
         return None
 
-    def planned(self, connect: Connect) -> Motion | None:
+    def planned(self, connect: Connect) -> PieceProofs | None:
         """Return the motion with a planner's detour around obstacles, or None if no such motion is proven."""
-        motion = self._given
+        motion = self.given.motion
         for reach in (0, 1, 3, motion.pieces):
             first, last = self._allowed_knots(min(self.bad) - reach, max(self.bad) + 1 + reach)
             path = connect(motion.knots[first], motion.knots[last])
@@ -210,14 +214,15 @@ class Displacement:
             if np.abs(path[-1] - motion.knots[last]).max() > _EQUAL_ENDS:
                 continue
             followed = _following(motion, path, first, last)
-            found = None if followed is None else self._proven_near(followed, _SPANS[-1][1])
+            every = set(range(0 if followed is None else followed.pieces))
+            found = None if followed is None else self._proven_near(followed, _SPANS[-1][1], every)
             if found is not None:
                 return found
         return None
 
     def _allowed_knots(self, first: int, last: int) -> tuple[int, int]:
         """Return the two given knots, moved outwards until the motion is proven free at both."""
-        knots = self._given.knots
+        knots = self.given.motion.knots
         first, last = max(first, 0), min(last, len(knots) - 1)
         while first > 0 and self._proof.check(knots[first], knots[first]).verdict is not Verdict.FREE:
             first -= 1
@@ -225,20 +230,21 @@ class Displacement:
             last += 1
         return first, last
 
-    def _proven_near(self, motion: Motion, attempts: int) -> Motion | None:
-        """Return a proven motion near the given one, or None."""
+    def _proven_near(self, motion: Motion, attempts: int, waiting: set[int]) -> PieceProofs | None:
+        """Return a motion near the given one that is proven, or None.
+
+        All pieces but the waiting ones are probably proven, so they are proven last.
+        """
         basis = _basis(motion)
         moves = np.zeros((basis.shape[2], motion.n))
         # Points (piece, fraction) at which a pair was too near, in the order of discovery.
         places: dict[tuple[int, float], None] = {}
-        moved, waiting = motion, set(range(motion.pieces))
+        pieces, left = PieceProofs(motion, self._proof), set(range(motion.pieces))
         for attempt, spare in enumerate(np.repeat(_EXTRA_DISTANCES, _ATTEMPTS).tolist()[:attempts]):
-            pieces = list(piece_proofs(moved, self._proof))
-            asked_for = [pieces[k] for k in sorted(waiting)]
-            verdicts = {piece.number: piece.verdict() for piece in compress(asked_for, ~proven_by_bounds(asked_for))}
-            bad = {k: found.at for k, found in verdicts.items() if found.verdict is not Verdict.FREE}
+            bad = _unproven(pieces, waiting) or _unproven(pieces, left - waiting)
+            left -= waiting
             if not bad:
-                return moved
+                return pieces
             asked = dict(places)
             for k, witness in bad.items():
                 asked |= dict.fromkeys((k, u) for u in (*_GRADIENT_PLACES, 0.5 if witness is None else witness))
@@ -258,12 +264,14 @@ class Displacement:
                 continue
             step = kept_moves + _least_moves(rows, slopes, wanted) - moves
             moves = moves + step * min(1.0, _MOST_JOINT_MOVE / max(float(np.abs(step).max()), _NEGLIGIBLE_MOVE))
-            before, moved = moved, _moved(motion, basis, moves)
-            differs = np.abs(moved.coefficients - before.coefficients).max(axis=(1, 2)) > 0.0
+            before, pieces = pieces, PieceProofs(_moved(motion, basis, moves), self._proof)
+            differs = (pieces.motion.coefficients != before.motion.coefficients).any(axis=(1, 2))
             waiting = {*bad, *np.flatnonzero(differs).tolist()}
+            if not np.array_equal(pieces.tubes, before.tubes):
+                left = set(range(motion.pieces))
         return None
 
-    def _missing(self, pieces: list[PieceProof], places: list[tuple[int, float]], spare: FloatArray) -> Shortfalls:
+    def _missing(self, pieces: PieceProofs, places: list[tuple[int, float]], spare: FloatArray) -> Shortfalls:
         """Return the shortfalls of distances, including those to joint limits, at (piece, fraction) points."""
         robot = self._proof.checker.robot
         Q = np.array([pieces[k].place(u) for k, u in places])
@@ -286,49 +294,56 @@ class Displacement:
 
         They are negative for distances that may become too small.
         """
-        robot, required = proof.checker.robot, proof.required
-        pairs, wanted = required.pairs, required.least + spare[:, None]
-        carriers = pairs.carriers
-        near = wanted + _CONSTRAINT_BAND
-        bounds = pairs.bounds.of(Q, np.arange(wanted.shape[1]), float(near.max(initial=0.0)))
-        of, joints, points, normals, missing = [], [], [], [], []
-        for row in np.flatnonzero((bounds < near).any(axis=1)).tolist():
-            asked = np.flatnonzero(bounds[row] < near[row])
-            for k, found in zip(asked.tolist(), pairs.nearest(Q[row], asked), strict=True):
-                if found.distance < near[row, k]:
-                    of.append(row)
-                    joints.append(carriers[k])
-                    points.append(found.points)
-                    normals.append(found.normal)
-                    missing.append(wanted[row, k] - found.distance)
-        if not of:
-            return np.zeros(0, dtype=np.intp), np.zeros((0, robot.n)), np.zeros(0)
-        frames = robot.joint_frames(Q[of])[1:]
-        speeds = [_speeds(robot, np.array(joints)[:, side], np.array(points)[:, side], *frames) for side in (0, 1)]
-        slopes = robot.coupling.columns(np.einsum("kmx,kx->km", speeds[1] - speeds[0], np.array(normals)))
+        required, robot = proof.required, proof.checker.robot
+        near = required.least + spare[:, None] + _CONSTRAINT_BAND
+        table = required.pairs.near(Q, float(near.max(initial=0.0)))
+        rows, pairs = table[:, :2].T.astype(np.intp)
+        table = table[table[:, 2] < near[rows, pairs]]
+        rows, pairs = table[:, :2].T.astype(np.intp)
+        slopes = _slopes(robot, Q, required.pairs.carriers[pairs], rows, table)
         moving = slopes.any(axis=1)
-        return np.array(of)[moving], slopes[moving], np.array(missing)[moving]
+        return rows[moving], slopes[moving], (near[rows, pairs] - _CONSTRAINT_BAND - table[:, 2])[moving]
 
 
-def _speeds(robot: Robot, joints: IntArray, points: FloatArray, origins: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return the velocities (K, m, 3), per joint of the model, of points (K, 3) carried by joints (K,)."""
-    speeds = np.where(robot.joint_prismatic[:, None], axes, np.cross(axes, points[:, None] - origins))
-    known, of = np.unique(joints, return_inverse=True)
-    return np.asarray(speeds * robot.supporting_joints(known)[of][:, :, None])
+def _slopes(robot: Robot, Q: FloatArray, carriers: IntArray, rows: IntArray, table: FloatArray) -> FloatArray:
+    """Return the gradients (M, n) of the distances of near pairs, `table: (M, 10)`, at `rows: (M,)` of `Q: (B, n)`.
+
+    The bodies of the pairs are carried by joints (M, 2), by Pinocchio's indices.
+    """
+    rotations, origins, axes = (part[rows] for part in robot.joint_frames(Q))
+    on_first, normals, each = table[:, 3:6].copy(), table[:, 6:9], np.arange(len(rows))
+    carried = carriers[:, 0] > 0
+    at = each[carried], carriers[carried, 0] - 1
+    on_first[carried] = origins[at] + np.einsum("mxy,my->mx", rotations[at], on_first[carried])
+    slopes = np.zeros((len(rows), len(robot.joint_prismatic)))
+    for sign, joints, points in ((1, carriers[:, 0], on_first), (-1, carriers[:, 1], on_first - table[:, [2]] * normals)):
+        ways = points[:, None] - origins
+        # n · (a × w) = a · (w × n)
+        turning = np.einsum("mjx,mjx->mj", axes, np.cross(ways, normals[:, None]))
+        sliding = np.einsum("mjx,mx->mj", axes, normals)
+        known, of = np.unique(joints, return_inverse=True)
+        slopes += sign * np.where(robot.joint_prismatic, sliding, turning) * robot.supporting_joints(known)[of]
+    return robot.coupling.columns(slopes)
 
 
 # ------------------------------------------------------------------------------------------------------ B-splines
 
 
-def _divided(motion: Motion, pieces: set[int], span: float) -> Motion:
-    """Return the motion with some pieces divided so that each part has at most about the length `span`."""
-    cuts = {}
+def _unproven(pieces: PieceProofs, numbers: set[int]) -> dict[int, float | None]:
+    """Return which of some pieces are not proven, with a fraction of each at which it is not."""
+    verdicts = {k: pieces[k].verdict() for k in pieces.undecided(sorted(numbers))}
+    return {k: found.at for k, found in verdicts.items() if found.verdict is not Verdict.FREE}
+
+
+def _divided(motion: Motion, pieces: set[int], span: float) -> tuple[Motion, IntArray]:
+    """Return the motion with some pieces divided into parts about as long as `span` at most, and the piece of each."""
+    cuts, counts = {}, np.ones(motion.pieces, dtype=np.intp)
     for k in pieces:
         at = np.polynomial.polynomial.polyval(np.array(_GRADIENT_PLACES), motion.coefficients[k]).T
         parts = int(np.ceil(np.linalg.norm(np.diff(at, axis=0), axis=1).sum() / span))
         if parts > 1:
-            cuts[k] = np.linspace(0.0, 1.0, parts + 1)[1:-1]
-    return motion.cut(cuts)
+            cuts[k], counts[k] = np.linspace(0.0, 1.0, parts + 1)[1:-1], parts
+    return motion.cut(cuts), np.repeat(np.arange(motion.pieces), counts)
 
 
 def _basis(motion: Motion) -> FloatArray:
@@ -443,8 +458,8 @@ def _measured(given: Motion, found: Motion, check: MotionCheck, how: str, proof:
     robot = proof.checker.robot
     worst = int(apart.argmax())
     differs = np.flatnonzero(apart > _NEGLIGIBLE_MOVE)
-    tips = (robot.tip_pose(Q[k]).translation - robot.tip_pose(P[k]).translation for k in differs.tolist())
-    tool = max((float(np.linalg.norm(tip)) for tip in tips), default=0.0)
+    tips = robot.tip_positions(Q[differs]) - robot.tip_positions(P[differs])
+    tool = float(np.linalg.norm(tips, axis=1).max(initial=0.0))
     pieces = (apart > _NEGLIGIBLE_MOVE).reshape(places.shape).any(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], pieces, [0]])))
     changed = tuple((float(found.times[a]), float(found.times[b])) for a, b in edges.reshape(-1, 2))

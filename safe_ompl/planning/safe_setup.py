@@ -665,7 +665,13 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
     ) -> motions.Repair:
         """Change a given motion as little as possible until it is proven; see `safe_ompl.repair`."""
         limit = number("time limit", time, above=0.0, kind="number of seconds")
-        return motions.repair_with(motion, self.motion_prover, limits, connecting(self, limit), people)
+
+        def another() -> SafeSetup:
+            setup = SafeSetup(self.robot, self.scene, danger=self.danger_options)
+            setup.setConstraints(self.getConstraints())
+            return setup
+
+        return motions.repair_with(motion, self.motion_prover, limits, connecting(another, limit), people)
 
 
 def _let_go(setup: ref[SafeSetup]) -> None:
@@ -682,10 +688,10 @@ def simplification_time(value: bool | float) -> float | None:
     return number("simplify", value, above=0.0, kind="number of seconds")
 
 
-def connecting(setup: SafeSetup, time: float) -> Callable[[FloatArray, FloatArray], FloatArray | None]:
+def connecting(make: Callable[[], SafeSetup], time: float) -> Callable[[FloatArray, FloatArray], FloatArray | None]:
     """Return a function that plans proven paths (N, n) between configurations (n,), for repairs.
 
-    All calls together take at most `time` [s]. The function has a setup of its own with the constraints of `setup`.
+    All calls together take at most `time` [s]. The setup for them is made at the first call.
     """
     end, own = perf_counter() + time, list[SafeSetup]()
 
@@ -693,8 +699,7 @@ def connecting(setup: SafeSetup, time: float) -> Callable[[FloatArray, FloatArra
         if perf_counter() >= end:
             return None
         if not own:
-            own.append(SafeSetup(setup.robot, setup.scene, danger=setup.danger_options))
-            own[0].setConstraints(setup.getConstraints())
+            own.append(make())
         own[0].setConfigurations(start, goal)
         left = max(end - perf_counter(), 1e-3)
         return own[0].plan("SafeRRTConnect", time=left, simplify=0.2 * left).path
@@ -725,7 +730,12 @@ def repair(
         has the way points if the motion is straight between them; `how`, `deviation` and `changed` say what was
         changed. If rates exceed `limits`, or stops are too late for `people`, the duration is multiplied by `slower`.
     """
-    setup = SafeSetup(robot, scene)
-    if tube is not None:
-        setup.setTube(tube)
-    return setup.repair(motion, limits, people, time=time)
+    limit = number("time limit", time, above=0.0, kind="number of seconds")
+    proof = motions.prover_of(robot, scene, tube=tube)
+
+    def setup() -> SafeSetup:
+        made = SafeSetup(robot, scene)
+        made.setConstraints(motions.Constraints(separation=proof.separation))
+        return made
+
+    return motions.repair_with(motion, proof, limits, connecting(setup, limit), people)

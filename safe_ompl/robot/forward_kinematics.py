@@ -317,6 +317,14 @@ class ForwardKinematics:
         pin.framesForwardKinematics(self._model, data, self.pinocchio_configuration(self._checked(q)))
         return pin.SE3(data.oMf[self.tip_frame])
 
+    def tip_positions(self, Q: FloatArray) -> FloatArray:
+        """Return the positions (B, 3) [m] of the tip frame in the world frame at `Q: (B, n)`."""
+        place = self.tip_placement.translation
+        if not self.tip_joint:
+            return np.tile(place, (len(Q), 1))
+        rotations, origins, _ = self.joint_frames(Q)
+        return np.asarray(origins[:, self.tip_joint - 1] + rotations[:, self.tip_joint - 1] @ place)
+
     def tip_jacobian(self, q: ArrayLike) -> FloatArray:
         """Return the Jacobian (6, n) of the tip, linear before angular rows, in world-aligned axes."""
         jacobian: FloatArray = pin.computeFrameJacobian(
