@@ -19,6 +19,7 @@ import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from time import process_time
 from typing import NamedTuple
 
@@ -406,7 +407,8 @@ def repair_rows(name: str, known: object, rounds: int) -> list[tuple[object, ...
                 if check_with(motion, proof):
                     continue
                 begin = process_time()
-                repair = repair_with(motion, proof, connect=connecting(lambda s=setup: SafeSetup(s.robot, s.scene), 3.0))
+                connect = connecting(partial(SafeSetup, setup.robot, setup.scene), 3.0)
+                repair = repair_with(motion, proof, connect=connect)
                 milliseconds = 1e3 * (process_time() - begin)
                 after = repair.motion
                 t = np.linspace(after.times[0], after.times[-1], 20_000)

@@ -9,11 +9,11 @@ import coal
 import numpy as np
 
 from safe_ompl.collision.geometry import SceneGeometry
-from safe_ompl.collision.proofs import BLOCK, DistanceBounds, pair_bounds
+from safe_ompl.collision.proofs import BLOCK, DistanceBounds, distance_gradients, pair_bounds
 from safe_ompl.collision.queries import CoalPairs, Nearest
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.geometry import DISTANCE_ERROR, ConvexBodies
-from safe_ompl.robot import Robot
+from safe_ompl.robot import Robot, plain
 
 _TINY = 1e-12  # [m]
 _REQUEST = coal.DistanceRequest()
@@ -167,7 +167,7 @@ class PairSet:
         """Names of the pairs: link and obstacle, or link and link."""
         return self._table.names(self._rows)
 
-    @property
+    @cached_property
     def carriers(self) -> IntArray:
         """Pinocchio's indices of the joints that carry the bodies of each pair, (P, 2)."""
         return np.asarray(self._table.convex_bodies.bodies["joint"][self.bodies])
@@ -279,6 +279,11 @@ class PairSet:
             others = np.flatnonzero(~bounds.exact[pairs] | (table[:, 2] == -np.inf))
             table[others, 2:] = self.measured(Q, rows[others], pairs[others])
         return np.asarray(table[table[:, 2] < within])
+
+    def gradients(self, Q: FloatArray, table: FloatArray) -> FloatArray:
+        """Return the gradients (C, n) of the distances in a table (C, 10) that `near` made at `Q: (B, n)`."""
+        values, joints = plain(self._robot.coupling.values(Q)), self._robot.kinematics.table
+        return self._robot.coupling.columns(distance_gradients(joints, values, self.carriers, table))
 
     def distances(self, Q: FloatArray, pairs: IntArray) -> FloatArray:
         """Return the distances (B, K) [m] of pairs (K,) at `Q: (B, n)`; ≤ 0 in contact."""

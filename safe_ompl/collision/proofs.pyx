@@ -873,8 +873,8 @@ cdef void add_hinge_costs(
 
     Of vectors only those numbers are written that are not 0.
     """
-    cdef Py_ssize_t c, b, i, x, y, z, h, placed = -1
-    cdef double distance, rate, bend, lack, slope, turning
+    cdef Py_ssize_t c, b, i, x, h, placed = -1
+    cdef double distance, rate, bend, lack, slope
     cdef const double *near = terms.near
     cdef const double *hinges = terms.hinges
     cdef double *origin = frames + 9 * m
@@ -906,18 +906,78 @@ cdef void add_hinge_costs(
                 rate -= 2.0 * hinges[2 * h + 1] / hinges[2 * h] * lack
                 bend += 2.0 * hinges[2 * h + 1] / (hinges[2 * h] * hinges[2 * h])
         while i >= 0 and bend > 0.0:
-            slope = 0.0
-            for x in range(3):
-                y, z = (x + 1) % 3, (x + 2) % 3
-                turning = (
-                    axis[3 * i + y] * (place[z] - origin[3 * i + z])
-                    - axis[3 * i + z] * (place[y] - origin[3 * i + y])
-                )
-                slope += normal[x] * (axis[3 * i + x] if joints[i].slides else turning)
+            slope = _slope(&joints[i], origin + 3 * i, axis + 3 * i, place, normal)
             gradients[m * b + i] += rate * slope
             if vectors != NULL:
                 vectors[m * c + i] = sqrt(bend) * slope
             i = joints[i].parent - 1
+
+
+cdef inline double _slope(
+    const Joint *joint, const double *origin, const double *axis, const double *place, const double *normal
+) noexcept nogil:
+    """Return how fast a place that a joint carries moves along a normal, by the value of the joint."""
+    cdef double slope = 0.0, turning
+    cdef Py_ssize_t x, y, z
+    for x in range(3):
+        y, z = (x + 1) % 3, (x + 2) % 3
+        turning = axis[y] * (place[z] - origin[z]) - axis[z] * (place[y] - origin[y])
+        slope += normal[x] * (axis[x] if joint.slides else turning)
+    return slope
+
+
+def distance_gradients(
+    JointTable joints not None, const double[:, ::1] values, const Py_ssize_t[:, ::1] carriers,
+    const double[:, ::1] near,
+):
+    """Return the gradients (C, m) of the distances of near pairs, at the row of `values: (B, m)` of each.
+
+    `near: (C, 10)` is what `DistanceBounds.near` returns, of pairs whose bodies are carried by joints with Pinocchio's
+    numbers, `carriers: (K, 2)`.
+    """
+    cdef Py_ssize_t m = joints.m, B = values.shape[0], C = near.shape[0], c, i, x, side, placed = -1
+    cdef const double *p
+    cdef const double *normal
+    cdef const double *frame
+    cdef double place[3]
+    cdef double *frames
+    if values.shape[1] != m or carriers.shape[1] != 2 or near.shape[1] != 10:
+        raise InputError(f"values must have {m} columns, carriers 2, and near pairs 10")
+    for c in range(C):
+        if not (0 <= near[c, 0] < B and 0 <= near[c, 1] < carriers.shape[0]):
+            raise InputError(f"near pair {c} is of a configuration or a pair that there is not")
+        for side in range(2):
+            if not 0 <= carriers[<Py_ssize_t> near[c, 1], side] <= m:
+                raise InputError(f"pair {near[c, 1]:g} is carried by a joint that there is not")
+    gradients = np.zeros((C, m))
+    cdef double[:, ::1] gradient = gradients
+    if not (C and m):
+        return gradients
+    frames = <double *> malloc(15 * m * sizeof(double))
+    if not frames:
+        raise MemoryError
+    for c in range(C):
+        if <Py_ssize_t> near[c, 0] != placed:
+            placed = <Py_ssize_t> near[c, 0]
+            place_joints(joints.data, m, &values[placed, 0], frames, frames + 9 * m, frames + 12 * m)
+        p, normal, i = &near[c, 3], &near[c, 6], carriers[<Py_ssize_t> near[c, 1], 0] - 1
+        for x in range(3):
+            place[x] = p[x]
+            if i >= 0:
+                frame = frames + 9 * i + 3 * x
+                place[x] = frames[9 * m + 3 * i + x] + frame[0] * p[0] + frame[1] * p[1] + frame[2] * p[2]
+        # The second body's point is at the distance behind that of the first one.
+        for side in range(2):
+            i = carriers[<Py_ssize_t> near[c, 1], side] - 1
+            while i >= 0:
+                gradient[c, i] += (1 - 2 * side) * _slope(
+                    &joints.data[i], frames + 9 * m + 3 * i, frames + 12 * m + 3 * i, place, normal
+                )
+                i = joints.data[i].parent - 1
+            for x in range(3):
+                place[x] -= near[c, 2] * normal[x]
+    free(frames)
+    return gradients
 
 
 # What a proof is of, and its working memory.

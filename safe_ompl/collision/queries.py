@@ -36,13 +36,14 @@ _Placed: TypeAlias = tuple[coal.CollisionGeometry, pin.SE3]
 class CoalPairs:
     """Coal queries for pairs (P, 2) of bodies, at the last configuration of `place` and the present poses of obstacles.
 
-    An instance belongs to one thread. Nothing may change during a query.
+    An instance belongs to one thread, and `place` holds until another instance of this robot and thread places it.
+    Nothing may change during a query.
     """
 
     def __init__(self, robot: Robot, geometry: SceneGeometry, pairs: IntArray) -> None:
         self._robot, self._geometry, self._pairs = robot, geometry, pairs
         self._model, self._bodies = robot.shared.model, robot.shared.collision_model
-        self._kinematics, self._data = self._model.createData(), self._bodies.createData()
+        self._kinematics, self._data = robot.shared.placing.own
         self._solids = list(self._bodies.geometryObjects)
         self._collision, self._result = coal.CollisionRequest(), coal.CollisionResult()
 

@@ -243,14 +243,7 @@ class Motion:
         rounding = (rounding + 4 * (self.degree + 1) * polynomials.EPS * size)[of]
         slack = None if self.slack is None else self.slack[of]
         corners = tuple(np.searchsorted(of, self.corners).tolist())
-        return replace(
-            self,
-            times=times,
-            coefficients=coefficients,
-            slack=slack,
-            rounding=rounding,
-            corners=corners,
-        )
+        return replace(self, times=times, coefficients=coefficients, slack=slack, rounding=rounding, corners=corners)
 
     def part(self, first: float, last: float) -> Motion:
         """Return the part between two parameter values first < last. The parameter of the part begins at 0."""

@@ -22,7 +22,6 @@ from safe_ompl.motions.checks import MotionCheck, check_of, check_with
 from safe_ompl.motions.limits import RateLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.pieces import PieceProofs
-from safe_ompl.robot import Robot
 from safe_ompl.scene import People
 
 # For M distances and joint limits: the configuration's row (M,), gradients (M, n), and the shortfalls (M,).
@@ -294,36 +293,15 @@ class Displacement:
 
         They are negative for distances that may become too small.
         """
-        required, robot = proof.required, proof.checker.robot
+        required = proof.required
         near = required.least + spare[:, None] + _CONSTRAINT_BAND
         table = required.pairs.near(Q, float(near.max(initial=0.0)))
         rows, pairs = table[:, :2].T.astype(np.intp)
         table = table[table[:, 2] < near[rows, pairs]]
         rows, pairs = table[:, :2].T.astype(np.intp)
-        slopes = _slopes(robot, Q, required.pairs.carriers[pairs], rows, table)
+        slopes = required.pairs.gradients(Q, table)
         moving = slopes.any(axis=1)
         return rows[moving], slopes[moving], (near[rows, pairs] - _CONSTRAINT_BAND - table[:, 2])[moving]
-
-
-def _slopes(robot: Robot, Q: FloatArray, carriers: IntArray, rows: IntArray, table: FloatArray) -> FloatArray:
-    """Return the gradients (M, n) of the distances of near pairs, `table: (M, 10)`, at `rows: (M,)` of `Q: (B, n)`.
-
-    The bodies of the pairs are carried by joints (M, 2), by Pinocchio's indices.
-    """
-    rotations, origins, axes = (part[rows] for part in robot.joint_frames(Q))
-    on_first, normals, each = table[:, 3:6].copy(), table[:, 6:9], np.arange(len(rows))
-    carried = carriers[:, 0] > 0
-    at = each[carried], carriers[carried, 0] - 1
-    on_first[carried] = origins[at] + np.einsum("mxy,my->mx", rotations[at], on_first[carried])
-    slopes = np.zeros((len(rows), len(robot.joint_prismatic)))
-    for sign, joints, points in ((1, carriers[:, 0], on_first), (-1, carriers[:, 1], on_first - table[:, [2]] * normals)):
-        ways = points[:, None] - origins
-        # n · (a × w) = a · (w × n)
-        turning = np.einsum("mjx,mjx->mj", axes, np.cross(ways, normals[:, None]))
-        sliding = np.einsum("mjx,mx->mj", axes, normals)
-        known, of = np.unique(joints, return_inverse=True)
-        slopes += sign * np.where(robot.joint_prismatic, sliding, turning) * robot.supporting_joints(known)[of]
-    return robot.coupling.columns(slopes)
 
 
 # ------------------------------------------------------------------------------------------------------ B-splines
@@ -362,8 +340,14 @@ def _basis(motion: Motion) -> FloatArray:
     number = len(knots) - degree - 1
     # Number of derivatives kept at the ends, including the position.
     kept = min(degree, 3 if motion.timed else 1)
-    _, coefficients, _ = polynomials.spline(knots, np.eye(number), degree)
-    return coefficients[:, :, kept : number - kept]
+    # On each piece d + 1 B-splines that follow each other are not 0, so as many columns tell them apart.
+    _, coefficients, _ = polynomials.spline(knots, np.eye(degree + 1)[np.arange(number) % (degree + 1)], degree)
+    last = np.arange(degree, number)
+    last = last[knots[last + 1] > knots[last]]
+    of, pieces = last[:, None] + np.arange(-degree, 1), np.arange(motion.pieces)[:, None]
+    basis = np.zeros((motion.pieces, degree + 1, number))
+    basis[pieces, :, of] = coefficients[pieces, :, of % (degree + 1)]
+    return basis[:, :, kept : number - kept]
 
 
 def _values(basis: FloatArray, places: list[tuple[int, float]]) -> FloatArray:
@@ -375,7 +359,7 @@ def _values(basis: FloatArray, places: list[tuple[int, float]]) -> FloatArray:
 
 def _moved(motion: Motion, basis: FloatArray, moves: FloatArray) -> Motion:
     """Return the motion with the B-splines, weighted by `moves`, added."""
-    change = basis @ moves
+    change = np.tensordot(basis, moves, axes=1)
     change[np.abs(change).max(axis=(1, 2)) <= _NEGLIGIBLE_MOVE] = 0.0
     size = np.abs(motion.coefficients).sum(axis=1) + np.abs(change).sum(axis=1)
     rounding = np.zeros_like(size) if motion.rounding is None else motion.rounding

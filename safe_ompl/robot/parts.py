@@ -13,7 +13,16 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, IntArray, Section, UnknownNameError, documents as document, key
+from safe_ompl.common import (
+    FloatArray,
+    InputError,
+    IntArray,
+    PerThread,
+    Section,
+    UnknownNameError,
+    documents as document,
+    key,
+)
 from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Shape, Sphere, bounding_hull
 from safe_ompl.robot.collision import drop_fixed_pairs, links_lacking_shapes, warn_of_unchecked
 from safe_ompl.robot.displacement_bounds import JointChain
@@ -116,6 +125,11 @@ class RobotParts:
         """The checked pairs of bodies, as indices (P, 2)."""
         pairs = [(pair.first, pair.second) for pair in self.collision_model.collisionPairs]
         return np.array(pairs, dtype=np.intp).reshape(-1, 2)
+
+    @cached_property
+    def placing(self) -> PerThread[tuple[pin.Data, pin.GeometryData]]:
+        """Memory of each thread to place the bodies in. Whoever places them asks for all poses before others do."""
+        return PerThread(lambda: (self.model.createData(), self.collision_model.createData()))
 
     @cached_property
     def chain(self) -> JointChain:
