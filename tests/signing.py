@@ -2,6 +2,8 @@
 
 import copy
 import json
+from functools import reduce
+from operator import getitem
 
 from safe_ompl.io.schema import digest
 
@@ -16,9 +18,9 @@ def signed(content):
     return {**content, "digest": digest(content)}
 
 
-def travelled(content):
-    """Return the content as it is read from a file."""
-    return json.loads(json.dumps(content))
+def travelled(data):
+    """Return what arrives when plain data is written to a file and read again."""
+    return json.loads(json.dumps(data, allow_nan=False))
 
 
 def tampered(content, change):
@@ -26,3 +28,16 @@ def tampered(content, change):
     content = copy.deepcopy(content)
     change(content)
     return signed(content)
+
+
+def replaced(*at, by):
+    """Return a change of what is at a place: to `by` of it, or to `by` if that is no function; None takes it out."""
+    *path, key = at
+
+    def change(content):
+        inner = reduce(getitem, path, content)
+        inner[key] = by(inner[key]) if callable(by) else by
+        if inner[key] is None:
+            del inner[key]
+
+    return change

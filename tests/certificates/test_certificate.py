@@ -1,7 +1,6 @@
 """Certificates: what is proven verifies, in a fresh process too, and whatever was tampered with is refused by name."""
 
 import copy
-import json
 import subprocess
 import sys
 from fractions import Fraction
@@ -13,7 +12,7 @@ import pinocchio as pin
 import pytest
 from edges import kept_within_limits
 from hypothesis import assume, given, settings, strategies as st
-from signing import claimed, signed
+from signing import claimed, signed, travelled
 
 from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Scene, certificate, verify
 from safe_ompl.certificates.claims import ClaimedDanger
@@ -56,7 +55,7 @@ def path(ur5, clutter):
 
 @pytest.fixture(scope="module")
 def written(path, ur5, clutter):
-    return json.loads(json.dumps(certificate(path, ur5, clutter)))
+    return travelled(certificate(path, ur5, clutter))
 
 
 @pytest.fixture
