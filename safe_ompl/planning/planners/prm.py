@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from itertools import pairwise, starmap
-from math import inf
+from math import ceil, inf
 from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.common import BoolArray, FloatArray, IntArray
 from safe_ompl.planning.planners.base import Parameter, SafePlanner
 from safe_ompl.planning.planners.growth import ROOT, Growth
 from safe_ompl.planning.planners.problem import WORTHWHILE, DangerWeight, Margin
@@ -20,6 +20,8 @@ _PENALTY = 4
 _PENALTIES = 2
 # The share of the margin that remains after each penalty.
 _PENALTY_FALL = 0.3
+# So many times K milestones are offered before they are checked, because some of them are invalid.
+_OFFERED = 1.5
 # The share of the milestones, those with the least danger, that is searched first.
 _USUAL = 0.7
 # A sample set that does not suffice grows by this share of itself.
@@ -79,8 +81,10 @@ class SafePRM(SafePlanner):
     * h and g are lengths, not 1-norms, for shorter paths, and one α for arms with any number of joints.
     * An edge is checked when its milestone is about to leave Open, not when it enters. The search is the same, but
       edges to milestones that are never chosen are never checked. So K may be large, for short paths.
-    * A milestone is checked when it first becomes a neighbour. Invalid milestones do not count among the K neighbours,
-      so that the roadmap stays connected in clutter.
+    * Invalid milestones do not count among the K neighbours, so that the roadmap stays connected in clutter. With
+      α = 0, or if nothing is dangerous, a milestone is checked when it first becomes a neighbour. With danger, 1.5 K
+      milestones are offered, each is checked when it is about to leave Open, and the next nearest takes the place of an
+      invalid one: most are never checked.
     * If the samples do not suffice, more are drawn, so that N does not limit what is solved. Most new samples lie
       between a milestone of the stuck graph and a uniform random configuration to which it is the nearest, at 5 to
       100 % of the distance, log-uniform: the graph grows out of narrow passages, as an RRT does. The others are
@@ -166,12 +170,12 @@ class SafePRM(SafePlanner):
     def _safe_prm_planner(self, graph: SearchGraph, other: SearchGraph, ptc: Any) -> list[int] | None:
         """SAFE_PRM_PLANNER on the present samples; None if they do not suffice, or if `ptc` ends the search."""
         current_goal = self._roadmap.goals[0]
+        self._left_out = self._unusual()
         while (new := self._best_of_open(graph, current_goal, ptc)) is not None:
             # CONNECTED: only q_new can have become common to Closed(1) and Closed(2).
             if other.closed[new]:
                 return graph.joined(other, new)  # PATH
-            neighbors = self._neighbors(graph, new, ptc)
-            graph.add_open(neighbors, new, self._lengths_from(new)[neighbors])
+            self._offer(graph, new, self._neighbors(graph, new, ptc))
             graph, other = other, graph
             current_goal = new
         return None
@@ -181,17 +185,26 @@ class SafePRM(SafePlanner):
         f = self._f(graph, current_goal)
         tried: list[int] = []
         penalty = _PENALTY * self.getRange()
+        wanted, checks_late = self._margin.in_force, bool(self._danger.weight)
         best = None
         while best is None and len(tried) < len(f) and not ptc():
             offer = int(f.argmin())
             parent, milestone = int(graph.parents[offer]), int(graph.milestones[offer])
+            if checks_late and not self._roadmap.is_valid(milestone):
+                # The next neighbour of the parent takes the place of the invalid one.
+                further = graph.next_neighbors(parent, self._roadmap.invalid, 1)
+                self._offer(graph, parent, further)
+                f[offer] = np.inf
+                f = np.concatenate([f, self._f(graph, current_goal, len(further))])
+                tried.append(offer)
+                continue
             penalties = int(graph.penalties[offer])
             # After the last penalty the edge must only be free, so that no passage is closed.
             keeps = parent != ROOT and penalties < _PENALTIES
-            margin = self._margin.in_force * _PENALTY_FALL**penalties if keeps else 0.0
+            margin = wanted * _PENALTY_FALL**penalties if keeps else 0.0
             is_free = parent == ROOT or self._roadmap.is_free(*graph.as_driven(parent, milestone), margin)
-            # The edge stays in Open with a penalty.
-            if margin and not is_free:
+            # The edge stays in Open with a penalty, unless it is known to be blocked.
+            if margin and not is_free and not self._roadmap.is_blocked(parent, milestone):
                 graph.g[offer] += penalty
                 graph.penalties[offer] += 1
                 f[offer] += penalty
@@ -205,33 +218,52 @@ class SafePRM(SafePlanner):
         graph.remove_open(tried)
         return best
 
-    def _f(self, graph: SearchGraph, current_goal: int) -> FloatArray:
-        """Return f = g + h + α·CDF, (10) without its diversity term, for the offers in Open(1)."""
-        f = graph.g + self._lengths_from(current_goal)[graph.milestones]
+    def _f(self, graph: SearchGraph, current_goal: int, last: int | None = None) -> FloatArray:
+        """Return f = g + h + α·CDF, (10) without its diversity term, for the `last` offers in Open(1), or for all."""
+        some = slice(None if last is None else len(graph.g) - last, None)
+        milestones = graph.milestones[some]
+        f = graph.g[some] + self._lengths(milestones, current_goal)
         if self._danger.weight:
-            f += self._danger.weight * self._roadmap.costs(graph.milestones)
+            f += self._danger.weight * self._roadmap.costs(milestones)
         return f
 
     def _neighbors(self, graph: SearchGraph, new: int, ptc: Any) -> IntArray:
-        """NEIGHBORS: of Samples ∖ Closed(1) the K valid milestones nearest to `new`; edges are checked later."""
+        """NEIGHBORS: of Samples ∖ Closed(1) the K milestones nearest to `new`; edges are checked later.
+
+        The classical form checks the milestones now. With danger, a milestone is checked when it is about to leave
+        Open: most milestones never do, and those with little danger are seldom invalid.
+        """
+        nearest = self._roadmap.nearest(new, graph.closed | self._left_out)
+        if self._danger.weight:
+            graph.nearest[new] = iter(nearest.tolist())
+            return graph.next_neighbors(new, self._roadmap.invalid, ceil(_OFFERED * self.neighbors))
         neighbors: list[int] = []
-        excluded = graph.closed
-        if self._most < inf:
-            excluded = excluded | (self._roadmap.costs(np.arange(len(self._roadmap))) > self._most)
-            ends = [*self._roadmap.starts, *self._roadmap.goals]
-            excluded[ends] = graph.closed[ends]
-        for milestone in self._roadmap.nearest(new, excluded).tolist():
+        for milestone in nearest.tolist():
             if len(neighbors) == self.neighbors or ptc():
                 break
             if self._roadmap.is_valid(milestone):
                 neighbors.append(milestone)
         return np.array(neighbors, dtype=np.intp)
 
+    def _offer(self, graph: SearchGraph, parent: int, neighbors: IntArray) -> None:
+        """ADD (Open): offer the edges from a milestone in Closed to its `neighbors: (K,)`."""
+        graph.add_open(neighbors, parent, self._lengths(neighbors, parent))
+
     def _usual_danger(self) -> float:
         """Return the danger that 70 % of the milestones do not exceed; the others are left out at first."""
         if not self._danger.weight:
             return inf
-        return float(np.quantile(self._roadmap.costs(np.arange(len(self._roadmap))), _USUAL))
+        costs = self._roadmap.costs(np.arange(len(self._roadmap)))
+        last = int(_USUAL * (len(costs) - 1))
+        return float(np.partition(costs, last)[last])
+
+    def _unusual(self) -> BoolArray:
+        """Return the mask (N,) of the milestones that are left out; starts and goals are not."""
+        if self._most == inf:
+            return np.zeros(len(self._roadmap), dtype=bool)
+        unusual = self._roadmap.costs(np.arange(len(self._roadmap))) > self._most
+        unusual[[*self._roadmap.starts, *self._roadmap.goals]] = False
+        return unusual
 
     # ---------------------------------------------------------------------------------------------- samples
 
@@ -277,9 +309,9 @@ class SafePRM(SafePlanner):
 
     # ------------------------------------------------------------------------------------------- the roadmap
 
-    def _lengths_from(self, milestone: int) -> FloatArray:
-        """Return the lengths (N,) of the straight motions from all milestones to one of them."""
-        return np.sqrt(squares(self._roadmap.ways_to(milestone)))
+    def _lengths(self, milestones: IntArray, end: int) -> FloatArray:
+        """Return the lengths (M,) of the straight motions from `milestones: (M,)` to one of them."""
+        return np.sqrt(squares(self._roadmap.ways_to(end, milestones)))
 
     def _forget(self) -> None:
         self._structure = self._roadmap = Roadmap(self._problem)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import pairwise, takewhile
+from collections.abc import Iterator
+from itertools import islice, pairwise, takewhile
 from math import inf
 
 import numpy as np
@@ -72,9 +73,9 @@ class Roadmap:
         left = np.flatnonzero(~(excluded | self.invalid))
         return left[np.argsort(distances[left], kind="stable")]
 
-    def ways_to(self, milestone: int) -> FloatArray:
-        """Return the differences (N, n) [rad or m] from every milestone to one of them."""
-        return self._problem.bridge.difference(self.configurations, self.configurations[milestone])
+    def ways_to(self, end: int, milestones: IntArray | slice = slice(None)) -> FloatArray:
+        """Return the differences (M, n) [rad or m] from `milestones: (M,)`, by default all of them, to one of them."""
+        return self._problem.bridge.difference(self.configurations[milestones], self.configurations[end])
 
     def costs(self, milestones: IntArray) -> FloatArray:
         """Return the costs (M,) of `milestones: (M,)`."""
@@ -111,6 +112,10 @@ class Roadmap:
                 refused = margin
             self._margins[min(start, end), max(start, end)] = kept, refused
         return margin <= kept
+
+    def is_blocked(self, start: int, end: int) -> bool:
+        """Return whether the edge between two milestones is known not to be free, in one of the directions."""
+        return self.edges.get((start, end), self.edges.get((end, start))) is False
 
     def margins_of(self, start: int, end: int) -> tuple[float, float]:
         """Return the largest margin [m] that is proven for an edge, and the smallest that could not be proven."""
@@ -206,6 +211,8 @@ class SearchGraph:
         self.parents: IntArray = np.full(len(roots), ROOT)
         self.g: FloatArray = np.zeros(len(roots))
         self.penalties: IntArray = np.zeros(len(roots), dtype=np.intp)
+        # For milestones in Closed, their neighbours that have not been offered yet, the nearest first.
+        self.nearest: dict[int, Iterator[int]] = {}
 
     def add_open(self, milestones: IntArray, parent: int, lengths: FloatArray) -> None:
         """ADD (Open): add offers of edges with these lengths from `parent`, which is in Closed."""
@@ -213,6 +220,11 @@ class SearchGraph:
         self.parents = np.concatenate([self.parents, np.full(len(milestones), parent)])
         self.g = np.concatenate([self.g, self._length[parent] + lengths])
         self.penalties = np.concatenate([self.penalties, np.zeros(len(milestones), dtype=np.intp)])
+
+    def next_neighbors(self, milestone: int, invalid: BoolArray, number: int) -> IntArray:
+        """Return up to `number` further neighbours of a milestone that are not `invalid: (N,)` and not in Closed."""
+        further = (other for other in self.nearest[milestone] if not (invalid[other] or self.closed[other]))
+        return np.fromiter(islice(further, number), dtype=np.intp)
 
     def add_closed(self, offer: int) -> int:
         """ADD (Closed): move an offer of Open to Closed, and return its milestone."""

@@ -62,6 +62,19 @@ def test_the_safer_of_two_ways_is_taken_if_danger_counts(monkeypatch, alpha, way
     np.testing.assert_array_equal(task.path, [START, (0.0, way), GOAL])
 
 
+def test_with_danger_milestones_are_checked_when_they_leave_open(monkeypatch):
+    blocked, free = [[-0.25, 0.05], [-0.25, -0.05]], [[0.0, 0.2], [0.0, 0.9], [0.0, -0.9]]
+    monkeypatch.setattr(PlanningProblem, "random", lambda self, rng, *count: np.array(blocked + free))
+    task = Problem(lambda x, y: abs(x) < 0.3 and abs(y) < 0.1, HotSpot, alpha=0.1, neighbors=1, slide=0.0)
+    monkeypatch.setattr(task.planner, "_usual_danger", lambda: np.inf)
+    assert task.solve() == EXACT
+    # Both neighbours of the start are invalid, and the next nearest takes their place.
+    np.testing.assert_array_equal(task.path, [START, free[0], GOAL])
+    roadmap = task.planner._roadmap
+    assert roadmap.invalid.sum() == len(blocked)
+    assert not (roadmap.valid | roadmap.invalid)[-2:].any()
+
+
 # ------------------------------------------------------------------------------------------- what is kept, and what not
 
 
