@@ -109,12 +109,15 @@ class Report:
         Title, header and rows of each table.
     figures : dict
         Single numbers by name.
+    counts : list of list
+        Verdicts that were looked at: what they are, how many, how many are false, how many were left open.
     """
 
     def __init__(self, markdown: bool = False) -> None:
         self._markdown = markdown
         self.tables: list[dict[str, Any]] = []
         self.figures: dict[str, Any] = {}
+        self.counts: list[list[Any]] = []
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[object]], title: str = "") -> None:
         """Print rows under a header, numbers to the right."""
@@ -137,14 +140,16 @@ class Report:
         self.figures[name] = value
         print(f"{name}: {said(value)}", flush=True)
 
+    def counted(self, what: str, number: int, false: int, undecided: int | str = "–") -> None:
+        """Print how many verdicts were looked at, how many of them are false, and how many were left open."""
+        self.counts.append([what, number, false, undecided])
+        print(f"{what}: {number}, false: {false}, undecided: {undecided}")
+
     def write(self, file: Path, command: Sequence[str]) -> None:
-        """Write all of it with the command and the date; what a page of `docs/measured` says besides stays there."""
-        kept = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
-        about = {key: kept[key] for key in ("title", "claims", "about") if key in kept}
-        about["claims"] = [{"claim": row["claim"]} for row in about.get("claims", [])]
+        """Write all of it with the command and the date."""
         found = {"command": " ".join(["python -m bench", *command]), "date": strftime("%Y-%m-%d")}
-        found |= {"figures": self.figures, "tables": self.tables}
-        text = json.dumps({**about, **found}, indent=1, ensure_ascii=False, default=_plain)
+        found |= {"figures": self.figures, "counted": self.counts, "tables": self.tables}
+        text = json.dumps(found, indent=1, ensure_ascii=False, default=_plain)
         file.write_text(text + "\n", encoding="utf-8")
 
 

@@ -1,21 +1,17 @@
-"""How time grows with size: nodes, obstacles, points of a cloud, danger points, joints, runs of a campaign.
+"""How time grows with size: nodes, obstacles, points of a cloud, danger points, joints.
 
-One table for each kind of size, by options like --nodes 1000 100000. Times are CPU
-times per item [µs], medians of some rounds; the last row is the exponent p of time ~ sizeᵖ, fitted to all rows. Nodes:
-`node` is what a planner does for one, the choice of the node to grow from (by distance, and by distance and danger), a
-step, the proof of its edge, and its danger. Points lie on the surfaces of boxes about the arm. `--quick` takes seconds.
+One table for each kind of size, by options like --nodes 1000 100000. Times are CPU times per item [µs], medians of some
+rounds; the last row is the exponent p of time ~ sizeᵖ, fitted to all rows. Nodes: `node` is what a planner does for
+one, the choice of the node to grow from (by distance, and by distance and danger), a step, the proof of its edge, and
+its danger. Points lie on the surfaces of boxes about the arm.
 """
 
 from __future__ import annotations
 
 import argparse
-import multiprocessing
-import pickle
-import resource
 import tempfile
 import time
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -31,13 +27,10 @@ from safe_ompl import (
     PointCloud,
     Robot,
     SafeSetup,
-    Scenario,
     Scene,
 )
-from safe_ompl.apps.benchmark import Campaign
 from safe_ompl.common import FloatArray
 from safe_ompl.danger.field import AGGREGATES
-from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import StateCost
 from safe_ompl.planning.planners.growth import Tree
 from safe_ompl.robot import StateBridge
@@ -50,9 +43,7 @@ SIZES = {
     "cloud": (1000, 1_000_000),
     "points": (1, 10, 100, 1000, 10_000, 100_000),
     "joints": (2, 4, 7, 10, 14),
-    "runs": (100, 1000),
 }
-QUIET = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "1s"}  # less idle work
 Row = dict[str, float]
 
 LINK = """<link name="link{k}"><collision><origin xyz="0 0 {middle}"/><geometry><box size="0.04 0.04 {length}"/>
@@ -192,47 +183,12 @@ def joints(size: int) -> Row:
     }
 
 
-def runs(size: int) -> Row:
-    """Return CPU times per run of a campaign of so many: in a loop, and of all processes, forked ones and dask's."""
-    scenario = Scenario.load("planar3")
-    campaign, setup = Campaign(scenario, ("SafeRRTConnect",), size), setup_scenario(scenario)
-    setup.plan(seed=0)  # loads the kernels
-    begin = time.process_time()
-    for result in campaign.results(setup):
-        pickle.dumps(result)  # as others send it: danger and clearance are measured
-    row = {"loop": time.process_time() - begin}
-    begin = _all_processes()
-    list(campaign.results(setup, 2))
-    while multiprocessing.active_children():  # which also waits for those that have ended
-        time.sleep(0.01)
-    row["2 workers"] = _all_processes() - begin
-    if find_spec("distributed"):
-        import dask
-        from distributed import Client
-
-        dask.config.set(QUIET)
-        with Client(n_workers=2, threads_per_worker=1, dashboard_address=None) as client:
-            pool = client.get_executor()
-            list(Campaign(scenario, ("SafeRRTConnect",), 8, seed=size).results(setup, pool))
-            before = time.process_time() + sum(client.run(time.process_time).values())
-            list(campaign.results(setup, pool))
-            row["dask, 2 workers"] = time.process_time() + sum(client.run(time.process_time).values()) - before
-    return {name: 1e6 * seconds / size for name, seconds in row.items()}
-
-
-def _all_processes() -> float:
-    """Return the CPU time [s] of this process and of those of its children that have ended."""
-    children = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return time.process_time() + children.ru_utime + children.ru_stime
-
-
 STUDIES: dict[str, Callable[[int], Row]] = {
     "nodes": nodes,
     "obstacles": obstacles,
     "cloud": cloud,
     "points": points,
     "joints": joints,
-    "runs": runs,
 }
 
 

@@ -1,4 +1,4 @@
-"""Tool motions: lines and seams among obstacles, against pink and roboplan, judged by plain Pinocchio.
+"""Tool motions: lines and seams among obstacles, against pink and roboplan, and proofs of corridors, against samples.
 
     python -m bench tools --lines 200 --seams 50 --longer
 
@@ -10,12 +10,18 @@ Differential inverse kinematics is pink's (`pip install pin-pink daqp`); robopla
 roboplan-cartesian-planning`) keeps the whole orientation always and knows no obstacles. Both begin at the first free
 configuration that is found. Their motions count if samples are free, within joint limits and in the corridor. Dangers
 are means along the curve.
+
+corridors: motions that wander about lines, arcs, corners and splines of the tool, from random configurations, upside
+down or not, with turns of any angle and of half a turn on the way. Each is asked to stay in a corridor that is nearly
+as wide as it wanders, so that about half of them leave it, and is looked at 5000 times by plain Pinocchio. `false` is a
+proof of which a sample is outside, and an answer "outside" of a motion whose samples stay well within.
 """
 
 from __future__ import annotations
 
 import argparse
 import logging
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
@@ -25,12 +31,14 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from scipy.interpolate import CubicSpline
 
 from bench._harness import Report
 from safe_ompl import (
     Box,
     CollisionChecker,
     DangerField,
+    Motion,
     MotionProver,
     Obstacle,
     Person,
@@ -42,7 +50,7 @@ from safe_ompl import (
 )
 from safe_ompl.common import FloatArray
 from safe_ompl.robot import EXAMPLES, Frames, Tip, robots_folder
-from safe_ompl.tasks import Corridor, ToolMotion, ToolPath, ToolPlanner
+from safe_ompl.tasks import Corridor, ToolMotion, ToolPath, ToolPlanner, prove_corridor
 
 CLAIM = "the tool follows lines and seams within a proven corridor, in less danger than differential IK"
 ROBOTS = ("panda", "ur5", "xarm7", "kinova")
@@ -57,9 +65,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seams", type=int, default=50, metavar="N")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--longer", action="store_true", help="search ten times as long where nothing is found")
+    parser.add_argument("--corridors", type=int, default=1000, metavar="N")
 
 
-def main(options: argparse.Namespace, report: Report) -> int:
+def curves(options: argparse.Namespace, report: Report) -> int:
     """Solve all problems, and judge the motions."""
     logging.disable(logging.WARNING)
     rows, broken = list[tuple[object, ...]](), 0
@@ -84,8 +93,84 @@ def main(options: argparse.Namespace, report: Report) -> int:
     )
     header += ("danger/pink", "least/pink", "danger/roboplan")
     report.table(header, rows)
-    report.figure("corridors broken", broken)
+    report.counted("tool motions, 10 000 samples each", options.lines + options.seams, broken)
     return int(broken > 0)
+
+
+WANDER = -5.0, -1.5  # powers of ten of the noise of joints [rad]
+TURNS = 0.0, 0.5, np.pi  # [rad] of the tool along a curve, beside angles drawn at random
+LOOKS = 5000
+
+
+def corridors(options: argparse.Namespace, report: Report) -> int:
+    """Compare proofs that the tip keeps to a curve with dense samples."""
+    found: dict[str, Counter[str]] = {}
+    for k in range(options.corridors):
+        rng, kind = np.random.default_rng([options.seed, k]), CURVES[k % len(CURVES)]
+        robot = _robot(ROBOTS[k // len(CURVES) % len(ROBOTS)])
+        axis = str(rng.choice(list("xyz"))) if k % 3 == 0 else None
+        path, motion = _wandering(kind, robot, rng)
+        far, turned = _deviations(motion, robot, path, Corridor(free_axis=axis))
+        width, angle = (max(x, 1e-6) * rng.uniform(0.8, 1.4) for x in (far, turned))
+        proof = prove_corridor(motion, robot, path, Corridor(width, min(angle, np.pi), axis))
+        leaves = far > width or turned > angle
+        counts = found.setdefault(kind, Counter())
+        counts["curves"] += 1
+        counts["proven"] += proof.proven
+        counts["outside"] += proof.outside
+        counts["undecided"] += not (proof.proven or proof.outside)
+        counts["false"] += (proof.proven and leaves) or (proof.outside and max(far / width, turned / angle) < 0.999)
+    kinds = ("curves", "false", "proven", "outside", "undecided")
+    found["all"] = sum(found.values(), Counter())
+    report.table(("curve", *kinds), [(name, *(counts[kind] for kind in kinds)) for name, counts in found.items()])
+    total = found["all"]
+    report.counted(f"corridors of the tool, {LOOKS} samples each", *(total[key] for key in (*kinds[:2], kinds[-1])))
+    return int(total["false"] > 0)
+
+
+CURVES = ("line", "arc", "corners", "spline")
+
+
+def _wandering(kind: str, robot: Robot, rng: np.random.Generator) -> tuple[ToolPath, Motion]:
+    """Return a curve of the tip from a random configuration, and a spline of the joints that wanders about it."""
+    start = rng.uniform(np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi))
+    pose = robot.tip_pose(start)
+    turn = float(rng.choice([*TURNS, rng.uniform(0.0, np.pi)]))
+    axis = rng.normal(size=3)
+    axis *= turn / np.linalg.norm(axis)
+    ways = np.cumsum(rng.normal(scale=0.1, size=(2, 3)), axis=0)
+    middle, end = (
+        pin.SE3(pose.rotation @ pin.exp3(share * axis), pose.translation + way)
+        for share, way in zip((0.5, 1.0), ways, strict=True)
+    )
+    path = {
+        "line": lambda: ToolPath.line(pose, end),
+        "arc": lambda: ToolPath.arc(pose, middle.translation, end),
+        "corners": lambda: ToolPath.polyline([pose, middle, end]),
+        "spline": lambda: ToolPath.spline([pose, middle, end]),
+    }[kind]()
+    tip, at = Tip(robot, None), np.unique([*np.linspace(0.0, path.length, 25), *path.knots])
+    frames, Q = path.at(at), [start]
+    for k in range(1, len(at)):
+        # A pose that cannot be reached is left aside: the motion only has to be one, not a good one.
+        solved, _ = tip.solved(Q[-1][None], Frames(*(part[k : k + 1] for part in frames)), 1e-9, 30)
+        near = np.abs(robot.difference(Q[-1], solved[0])).max() < 1.0
+        Q.append(solved[0] if near else Q[-1])
+    noise = rng.normal(size=(len(at), robot.n)) * 10.0 ** rng.uniform(*WANDER)
+    return path, Motion.of(CubicSpline(at, np.array(Q) + noise), names=robot.joint_names)
+
+
+def _deviations(motion: Motion, robot: Robot, path: ToolPath, corridor: Corridor) -> tuple[float, float]:
+    """Return the largest deviations of position [m] and angle [rad] at samples, by plain Pinocchio."""
+    model, data, found = robot.model, robot.model.createData(), []
+    s = np.linspace(0.0, path.length, LOOKS)
+    frames = path.at(s)
+    for q, place, turn in zip(motion.at(s), frames.positions, frames.rotations, strict=True):
+        pin.framesForwardKinematics(model, data, robot.pinocchio_configuration(q))
+        tip = data.oMf[robot.tip_frame]
+        found.append((np.linalg.norm(tip.translation - place), _turned(turn, tip.rotation, corridor)))
+    far, turned = np.max(found, axis=0)
+    return float(far), float(turned)
 
 
 @dataclass(frozen=True)
@@ -260,7 +345,8 @@ def _turned(wanted: FloatArray, own: FloatArray, corridor: Corridor) -> float:
     """Return the angle [rad] between two orientations, or between their free axes."""
     if corridor.axis is None:
         return float(np.linalg.norm(pin.log3(wanted @ own.T)))
-    return float(np.arccos(np.clip((own @ corridor.axis) @ (wanted @ corridor.axis), -1, 1)))
+    a, b = own @ corridor.axis, wanted @ corridor.axis
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
 def _judged(Q: FloatArray, problem: Problem, frames: Frames) -> bool:
@@ -357,3 +443,6 @@ def _planned(robot: Robot, full: FloatArray) -> FloatArray:
         own = full[joint.idx_q : joint.idx_q + joint.nq]
         values.append(np.arctan2(own[1], own[0]) if joint.nq == 2 else own[0])
     return np.array(values)
+
+
+PARTS = {"curves": curves, "corridors": corridors}

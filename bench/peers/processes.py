@@ -75,7 +75,9 @@ class Runner:
             env=environment,
             preexec_fn=_on_one_core,
         )
-        self.loading = float(self._answer(WARMING)["loading"])
+        wanted = {re.split("[<>=]", requirement)[0] for requirement in system.requirements}
+        versions = self._answer(WARMING)["versions"]
+        self.versions = {name: number for name, number in versions.items() if name in wanted}
 
     def ask(self, problem: dict[str, Any], grace: float | None = None) -> dict[str, Any]:
         """Return the answer to a problem; raise UnavailableError if the process ends, or hangs."""
@@ -127,6 +129,7 @@ class Comparison:
     def __init__(self, chosen: Sequence[System], robot: Path, environments: Path) -> None:
         self.runs: dict[str, list[Any]] = {system.name: [] for system in chosen}
         self.unavailable: dict[str, str] = {}
+        self.versions: dict[str, str] = {}
         self._systems, self._where = {system.name: system for system in chosen}, (robot, environments)
         self._runners: dict[str, Runner] = {}
         self._starts = dict.fromkeys(self._systems, 0)
@@ -138,6 +141,7 @@ class Comparison:
         self._starts[name] += 1
         try:
             self._runners[name] = Runner(self._systems[name], *self._where)
+            self.versions |= self._runners[name].versions
         except UnavailableError as reason:
             self.unavailable[name] = str(reason)
 

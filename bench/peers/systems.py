@@ -20,7 +20,7 @@ class System:
     requirements : tuple of str
         What pip installs there; empty for the environment that runs the bench.
     sources : str
-        Environment variable that names a folder with the system's sources, if pip is to install them instead.
+        Environment variable that names a folder with sources, if pip is to install these instead.
     options : dict
         What the runner is given.
     """
@@ -33,24 +33,14 @@ class System:
     sources: str = ""
 
 
-_OMPL = "OMPL RRTConnect + simplifier, 0.02"
-_ROBOPLAN = ("roboplan",)
-
 SYSTEMS = (
     System("safe_ompl", "safe_ompl_"),
-    System("safe_ompl, simplify 0.05 s", "safe_ompl_", options={"simplify": 0.05}),
     System("safe_ompl, raw", "safe_ompl_", options={"simplify": 0}),
-    System("safe_ompl, classical", "safe_ompl_", options={"planner": "ClassicRRTConnect"}),
-    System(_OMPL, "ompl_", options={"resolution": 0.02}),
-    System("roboplan, 0.05", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.05}),
-    System("roboplan, 0.01", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.01}),
-    System("roboplan, 0.005", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.005}),
-    System("roboplan, 0.002", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.002}),
+    System("OMPL RRTConnect + simplifier, 0.02", "ompl_", options={"resolution": 0.02}),
+    *(System(f"roboplan, {x}", "roboplan_", "roboplan", ("roboplan",), {"resolution": x}) for x in (0.05, 0.01, 0.005)),
     System("MPlib", "mplib_", "mplib", ("mplib", "setuptools<80")),
-    System("PyRoboPlan, 0.05", "pyroboplan_", "pyroboplan", ("pyroboplan",), {"resolution": 0.05}),
     *(System(f"plainmp, {x}", "plainmp_", "plainmp", ("plainmp",), {"resolution": x}) for x in (0.05, 0.005)),
-    System("VAMP", "vamp_", "vamp", sources="VAMP_DIR"),
+    System("VAMP", "vamp_", "vamp", ("vamp-planner",), sources="VAMP_DIR"),
 )
 
 REPAIR = System("our proof and repair", "repair_")  # of every path of another system
-REPAIRED = ("roboplan, 0.05", "plainmp, 0.05", "VAMP", _OMPL)  # whose repaired paths are rows of their own

@@ -1,4 +1,4 @@
-"""The table and the figure of a comparison."""
+"""The tables and the figure of a comparison."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from bench._harness import markdown_table
-
 Run = dict[str, Any]
 
 
 NO_PATH = "no path"
+WITH_OURS = " + our proof and repair"  # after the name of a system
 
 
 def _milliseconds(*keys: str) -> Callable[[Run], float]:
@@ -40,7 +39,6 @@ COLUMNS: dict[str, Callable[[Run], float]] = {
     "total [ms]": _milliseconds("building", "planning", "smoothing"),
     **{heading: _judged(key, factor) for key, (heading, factor) in JUDGED.items()},
 }
-OURS, OTHERS = "#1b6ca8", "#7a7a7a"
 SPREAD = ("planning [ms]", "total [ms]")  # with their 90th percentiles in brackets
 
 
@@ -55,24 +53,38 @@ def comparison(runs: dict[str, list[Run]]) -> Table:
         cells = (f"{len(solved)}/{len(answers)}", sum(run["touching"] for run in solved))
         columns = (_cell([value(run) for run in solved], name in SPREAD) for name, value in COLUMNS.items())
         rows.append((system, *cells, *columns))
-    return ("system", "solved", "touching", *COLUMNS), rows
+    return ("system", "solved", "contacts", *COLUMNS), rows
 
 
-def markdown(
-    runs: dict[str, list[Run]], unavailable: dict[str, str], blocked: Sequence[str] = (), outside: Sequence[str] = ()
-) -> str:
-    """Return the table, and below it the problems left out, `blocked` or `outside` limits of joints, and errors."""
-    lines = [markdown_table(*comparison(runs))]
-    for what, names in (("in collision", blocked), ("outside limits of joints", outside)):
-        if names:
-            lines.append(f"\nLeft out, start or goal {what}: {', '.join(names)}.")
+def compact(table: dict[str, Any]) -> Table:
+    """Return header and rows of a shorter table: a row for each system, with its paths before and after our repair."""
+    rows = {row["system"]: row for row in _named(table)}
+    cells = []
+    for name, row in rows.items():
+        if not name.endswith(WITH_OURS):
+            after = rows.get(f"{name}{WITH_OURS}", {"solved": "–", "contacts": "–", "total [ms]": "–"})
+            own = (row[key] for key in ("solved", "contacts", "total [ms]", "mean clearance [mm]", "mean danger"))
+            cells.append((name, *own, *(after[key] for key in ("solved", "contacts", "total [ms]"))))
+    header = ("planner", "solved", "contacts", "time [ms]", "mean clearance [mm]", "mean danger")
+    return (*header, "proven or repaired", "contacts then", "time then [ms]"), cells
+
+
+def _named(table: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the rows of a table as it is in a file, by their columns' names."""
+    return [dict(zip(table["header"], row, strict=True)) for row in table["rows"]]
+
+
+def remarks(
+    runs: dict[str, list[Run]], unavailable: dict[str, str], blocked: Sequence[str], outside: Sequence[str]
+) -> list[tuple[object, ...]]:
+    """Return rows on problems that were left out, `blocked` or `outside` limits of joints, on errors and on systems."""
+    rows = [("left out, start or goal in collision", name) for name in blocked]
+    rows += [("left out, start or goal outside limits of joints", name) for name in outside]
     for system, answers in runs.items():
         errors = [run for run in answers if run["error"] not in (None, NO_PATH)]
         if errors:
-            first = errors[0]
-            lines.append(f"\n{len(errors)} errors: **{system}** (first: {first['problem']}: {first['error']}).")
-    lines += [f"\nNot run: **{system}** ({reason})." for system, reason in unavailable.items()]
-    return "\n".join(lines)
+            rows.append((f"{system}: {len(errors)} errors", f"first: {errors[0]['problem']}: {errors[0]['error']}"))
+    return [*rows, *((f"{system}: not run", reason) for system, reason in unavailable.items())]
 
 
 def repairs(paths: dict[str, tuple[list[Run], list[Run]]]) -> Table:
@@ -95,7 +107,7 @@ def repairs(paths: dict[str, tuple[list[Run], list[Run]]]) -> Table:
         numbers += tuple([new[key] for new in good] for key in ("deviation", "tool_deviation"))
         rows.append((system, *counts, *(_cell(found, True) for found in numbers)))
     header = ("system", "proven where the judge finds nothing", "repaired where it does", "repaired in all")
-    header += ("moved", "planned", "touching afterwards", "proof [ms]", "repair [ms]", "deviation [rad]")
+    header += ("moved", "planned", "contacts afterwards", "proof [ms]", "repair [ms]", "deviation [rad]")
     return (*header, "at the tool [mm]"), rows
 
 
@@ -106,32 +118,63 @@ def _cell(numbers: list[float], spread: bool) -> str:
     return f"{text} ({np.percentile(numbers, 90):.3g})" if spread else text
 
 
-def figure(runs: dict[str, list[Run]], file: Path) -> None:
-    """Draw time against mean clearance and against mean danger, one numbered mark a system; open marks had contacts."""
-    import matplotlib
+def figure(table: dict[str, Any], file: Path) -> None:
+    """Draw the contacts of each system's paths against its time, danger as colour; a line leads to its repaired paths.
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
+    `table` is that of `comparison` as it is in a file. Times are on a logarithmic scale, contacts in percent.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    solved = {name: [run for run in answers if run["solved"]] for name, answers in runs.items()}
-    shown = {name: answers for name, answers in solved.items() if answers}
-    fig, axes = plt.subplots(1, 2, figsize=(14, 4.8), layout="constrained", sharex=True)
-    labels = {"mean clearance [mm]": "mean clearance [mm]: more is safer", "mean danger": "mean danger: less is safer"}
-    handles = []
-    for axis, (key, label) in zip(axes, labels.items(), strict=True):
-        handles = []
-        for number, (name, answers) in enumerate(shown.items(), 1):
-            x, y = (float(np.median([COLUMNS[k](run) for run in answers])) for k in ("total [ms]", key))
-            color = OURS if name.startswith("safe_ompl") else OTHERS
-            inside = "white" if any(run["touching"] for run in answers) else color
-            (mark,) = axis.plot(x, y, "o", ms=15, mec=color, mfc=inside, mew=1.6, ls="none", label=f"{number}  {name}")
-            ink = color if inside == "white" else "white"
-            axis.annotate(str(number), (x, y), ha="center", va="center", fontsize=9, color=ink)
-            handles.append(mark)
-        axis.set(xscale="log", xlabel="building + planning + smoothing, median [ms of CPU]", ylabel=label)
-        axis.grid(alpha=0.25, which="both")
-        axis.margins(0.1)
-    title = "Open marks: paths that\ntouched something"
-    fig.legend(handles=handles, loc="outside right upper", fontsize=9, title=title, markerscale=0.6, frameon=False)
-    fig.savefig(file, dpi=130)
-    plt.close(fig)
+    rows = [row for row in _named(table) if not str(row["solved"]).startswith("0/")]
+    names = [row["system"] for row in rows]
+    times = [float(str(row["total [ms]"]).split()[0]) for row in rows]
+    shares = [100 * row["contacts"] / float(str(row["solved"]).split("/")[0]) for row in rows]
+    dangers = [float(row["mean danger"]) for row in rows]
+    drawn = Figure(figsize=(8.4, 4.6), dpi=110, layout="constrained")
+    axes = drawn.subplots()
+    axes.set(
+        xscale="log", xlabel="CPU time of a path, median [ms]", ylabel="paths with contacts, found by the judge [%]"
+    )
+    axes.set(xlim=(min(times) / 1.7, max(times) * 3.5), ylim=(-0.16 * max(*shares, 10.0), 1.12 * max(*shares, 10.0)))
+    for name, x, y in zip(names, times, shares, strict=True):
+        if f"{name}{WITH_OURS}" in names:
+            k = names.index(f"{name}{WITH_OURS}")
+            axes.plot((x, times[k]), (y, shares[k]), color="0.7", lw=1.0, zorder=1)
+    sizes = [30 if name.endswith(WITH_OURS) else 130 for name in names]
+    shades = axes.scatter(times, shares, s=sizes, c=dangers, cmap="YlOrRd", edgecolors="0.25", zorder=2)
+    drawn.colorbar(shades, ax=axes, label="mean danger along the paths")
+    axes.grid(alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.axhline(0.0, color="0.5", lw=0.8, zorder=0)
+    canvas = FigureCanvasAgg(drawn)
+    canvas.draw()
+    drawn.set_layout_engine("none")  # what is placed now stays there
+    taken = [axes.transData.transform(place) for place in zip(times, shares, strict=True)]
+    boxes = [(x - 9, y - 9, x + 9, y + 9) for x, y in taken]
+    for name, (x, y) in zip(names, taken, strict=True):
+        if name.endswith(WITH_OURS):
+            continue
+        own = name.startswith("safe_ompl")
+        text = axes.annotate(name, (x, y), xycoords="figure pixels", fontsize=9, weight="bold" if own else "normal")
+        width, height = text.get_window_extent().size
+        # On the line of no contacts, names stand above or below it.
+        places = [(x + 11, y - height / 2), (x - width - 11, y - height / 2)] if shares[names.index(name)] else []
+        places += [(x + dx, y + dy) for dy in (11, -25, 27, -41, 43) for dx in (-8, -width / 2, 8 - width)]
+        right = axes.bbox.x1
+        boxes_of = ((p, (*p, p[0] + width, p[1] + height)) for p in places)
+        free = (p for p, at in boxes_of if at[2] < right and not any(_overlap(at, box) for box in boxes))
+        place = next(free, places[-1])
+        text.set_position(place)
+        boxes.append((*place, place[0] + width, place[1] + height))
+    small = "small marks: the same paths, proven or repaired by safe_ompl"
+    axes.text(0.99, 0.97, small, transform=axes.transAxes, ha="right", va="top", fontsize=8.5, color="0.3")
+    canvas.print_png(file)
+
+
+Box = tuple[float, float, float, float]
+
+
+def _overlap(one: Box, other: Box) -> bool:
+    """Return whether two rectangles (left, bottom, right, top) overlap."""
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from bench._plain import SPACING, Judge, samples
-from bench.peers import judged, processes
+from bench.peers import judged, processes, table
 from bench.peers.export import export
 from bench.peers.processes import Runner
 from bench.peers.systems import SYSTEMS, System
@@ -149,6 +149,34 @@ def test_a_process_that_ends_is_started_anew_but_not_for_ever(comparison, monkey
         assert ("fake" in comparison.unavailable) == (end == processes.STARTS - 1)
     assert set(comparison.unavailable) == {"fake", "other"}
     assert comparison.ask(order) == {}
+
+
+# ---------------------------------------------------------------------------------------------------- tables
+
+
+def run_of(total, danger, touching=False):
+    times = {"building": 0.0, "planning": total, "smoothing": 0.0}
+    judged = dict.fromkeys(("min_clearance", "mean_clearance", "near", "peak_danger", "integral_danger", "length"), 1.0)
+    return {"solved": True, "touching": touching, "times": times, "mean_danger": danger, **judged}
+
+
+def test_a_planner_stands_beside_its_repaired_paths(tmp_path):
+    runs = {"safe_ompl": [run_of(0.01, 9.0)], "other, 0.05": [run_of(0.02, 12.0, True), run_of(0.04, 12.0)]}
+    runs[f"other, 0.05{table.WITH_OURS}"] = [run_of(0.05, 13.0), run_of(0.05, 13.0)]
+    header, rows = table.comparison(runs)
+    found = {"header": list(header), "rows": [list(row) for row in rows]}
+    assert table.compact(found)[1] == [
+        ("safe_ompl", "1/1", 0, "10 (10)", "1e+03", "9", "–", "–", "–"),
+        ("other, 0.05", "2/2", 1, "30 (38)", "1e+03", "12", "2/2", 0, "50 (50)"),
+    ]
+    table.figure(found, tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+
+
+def test_without_its_sources_a_system_is_left_out_with_the_reason(exported, tmp_path, monkeypatch):
+    monkeypatch.delenv("VAMP_DIR", raising=False)
+    comparison = processes.Comparison([s for s in SYSTEMS if s.name == "VAMP"], exported[0], tmp_path)
+    assert comparison.unavailable == {"VAMP": "VAMP_DIR does not name a folder with its sources"}
 
 
 # ------------------------------------------------------------------------------------------------ the judge

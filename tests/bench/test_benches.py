@@ -2,13 +2,13 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bench import _harness, fresh, worth
+from bench import _harness, all as every, fresh, worth
 from bench._harness import Report, bench, in_turn, markdown_table, names, run
+from bench.all import Measurement
 from safe_ompl import plan_program
 from safe_ompl.live import find_skeleton
 from safe_ompl.scene.constraints import CONTACT_TABLE
@@ -31,12 +31,13 @@ def files(tmp_path_factory):
         frames = frame + 0.05 * np.sin(np.arange(20))[:, None, None] * frame
         clips = {"clip_0": frames, "clip_1": frames}
         np.savez(folder / f"{name}.npz", names=np.array(skeleton.points), rate=20.0, **clips)
-    arm = Path(__file__).parents[2] / "scenarios" / "robots" / "planar2.urdf"
+    arm = every.ROOT / "scenarios" / "robots" / "planar2.urdf"
     (folder / "arm.urdf").write_text(arm.read_text())
     return folder
 
 
 SMALL = {
+    "all": None,  # below
     "certify": "--edges 14 --hard 14 --paths 1 --only verdicts hard danger",
     "field": "--rounds 2",
     "fresh": None,  # test_a_fresh_machine_has_what_its_row_says
@@ -45,7 +46,6 @@ SMALL = {
     "motion": "--edges 2 --rounds 2",
     "motions": "--number 12 --splines 1 --tubes 6 --repairs 1",
     "mutations": "--number 2",
-    "page": "--check",
     "pages": "danger free_bubbles architecture",
     "peers": None,  # tests/bench/test_bench_peers.py
     "physics": "--motions 1 --drives 1 --seconds 0.5",
@@ -53,13 +53,12 @@ SMALL = {
     "programs": "--programs xarm7_inspection --seeds 1",
     "robots": "{files}/arm.urdf",
     "same": None,  # tests/bench/test_bench_same.py
-    "scaling": "--nodes 20 --obstacles 1 2 --cloud 40 --points 1 --joints 2 --runs 2",
+    "scaling": "--nodes 20 --obstacles 1 2 --cloud 40 --points 1 --joints 2",
     "setup": "--rounds 1",
     "shield": "{files} --sample 1 --seconds 0.3 --filters shield,none",
-    "simplify": "{files}/problems.json",
     "stops": "--stops 8 --motions 2",
     "timing": "--paths 2 --curves 2",
-    "tools": "--lines 4 --seams 1",
+    "tools": "--lines 4 --seams 1 --corridors 8",
     "ways": "--scenes 0:2 --seeds 1",
     "worth": "--scenes 1 --seconds 0.5",
 }
@@ -118,7 +117,7 @@ def test_a_fresh_machine_has_what_its_row_says(tmp_path, monkeypatch):
 
 def test_what_is_not_there_is_said(capsys):
     assert run(["no_such_bench"]) == 2
-    assert "there are certify, " in capsys.readouterr().err
+    assert "there are all, certify, " in capsys.readouterr().err
     assert run([]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == names()
 
@@ -137,21 +136,62 @@ def test_calls_take_turns_after_one_to_warm_up():
     assert (times.microseconds("a"), times.ratio("a", "b")) == (2e6, 1.0)
 
 
-def test_measured_anew_a_page_keeps_its_words_and_drops_old_figures(tmp_path, monkeypatch):
+def test_a_file_has_what_was_found(tmp_path, monkeypatch):
     monkeypatch.setattr(_harness, "strftime", lambda _: "2030-01-01")
-    file = tmp_path / "page.json"
-    old = {"title": "T", "about": "A", "claims": [{"claim": "c", "result": "old"}], "notes": ["old"]}
-    file.write_text(json.dumps({**old, "recorded": True, "tables": [{"rows": [["old"]]}]}))
     report = Report()
     report.figure("n", np.int64(3))
+    report.counted("edges", 7, 0, 1)
     report.table(("x", "y"), [("a", np.float64(0.12345))])
-    report.write(file, ["name", "--n", "3"])
-    assert json.loads(file.read_text()) == {
-        **{"title": "T", "about": "A", "claims": [{"claim": "c"}], "command": "python -m bench name --n 3"},
-        **{"date": "2030-01-01", "figures": {"n": 3}},
+    report.write(tmp_path / "found.json", ["name", "--n", "3"])
+    assert json.loads((tmp_path / "found.json").read_text()) == {
+        **{"command": "python -m bench name --n 3", "date": "2030-01-01", "figures": {"n": 3}},
+        **{"counted": [["edges", 7, 0, 1]]},
         "tables": [{"title": "", "header": ["x", "y"], "rows": [["a", 0.12345]]}],
     }
     assert markdown_table(("x", "y"), [("a", 0.12345)]) == "| x | y |\n| --- | --- |\n| a | 0.123 |"
+
+
+def test_pages_are_what_the_files_say():
+    for file, text in every.pages(every.read(every.KEPT)).items():
+        assert file.read_text(encoding="utf-8") == text, f"{file.name}: python -m bench all --pages"
+
+
+def test_every_bench_is_measured_for_the_pages():
+    commands = [each.command.replace("DATA", "data").split() for each in every.MEASUREMENTS.values()]
+    assert {name for name, *_ in commands} == set(names()) - {"all", "pages", "same"}
+    for name, *words in commands:
+        _harness.parser_of(name).parse_args(words)
+
+
+def test_what_was_measured_of_this_code_is_kept(tmp_path, capsys):
+    one = Measurement("one", "What danger costs.", "field --rounds 1", 1.0)
+    others = [
+        one._replace(name="two", command="field --no-such-option"),
+        one._replace(name="three", command="live DATA"),
+    ]
+    assert every.measure([one, *others], tmp_path, None) == ["two"]
+    found = json.loads((tmp_path / "one.json").read_text())
+    assert not found["failed"]
+    assert found["tables"]
+    assert found["versions"]["numpy"] == np.__version__
+    assert str(tmp_path) not in json.dumps(found)
+    assert "three: left out, needs --data" in capsys.readouterr().out
+    assert every.measure([one], tmp_path, None) == []
+    assert "one: kept" in capsys.readouterr().out
+    (tmp_path / "one.json").write_text(json.dumps({**found, "code": "before"}))
+    every.measure([one], tmp_path, None)
+    assert "one: kept" not in capsys.readouterr().out
+    assert json.loads((tmp_path / "one.json").read_text())["code"] == found["code"]
+
+
+def test_a_page_shows_counts_and_the_last_rows_of_long_tables():
+    found = {"command": "c", "date": "d", "seconds": 3, "failed": False, "figures": {"n": 3}}
+    found["counted"] = [["edges", 7, 0, 1]]
+    found["tables"] = [{"title": "", "header": ["x", "y"], "rows": [["a", 1], ["all", 2]]}]
+    text = every.page({"edges": found})
+    assert "| edges | 7 | 0 | 1 |" in text
+    assert "| all | 2 |" in text
+    assert "| a | 1 |" not in text
 
 
 def test_the_median_counts_may_not_move_as_infinitely_long():

@@ -1,4 +1,7 @@
-"""What every runner speaks: problems come in and paths go out, one JSON document a line. Standard library only."""
+"""What every runner speaks: problems come in and paths go out, one JSON document a line. Standard library only.
+
+Before the first problem it says which versions of packages it found.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import json
 import os
 import sys
 from collections.abc import Callable
+from importlib.metadata import distributions
 from itertools import pairwise
 from pathlib import Path
 from time import process_time
@@ -37,9 +41,9 @@ def serve(make: Callable[[dict[str, Any], dict[str, Any]], System]) -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     robot, options = json.loads(Path(sys.argv[1]).read_text()), json.loads(sys.argv[2])
-    begin = process_time()
     system = make(robot, options)
-    print(json.dumps({"loading": process_time() - begin}), file=answers, flush=True)
+    versions = {package.name: package.version for package in distributions()}
+    print(json.dumps({"versions": versions}), file=answers, flush=True)
     for line in sys.stdin:
         problem = json.loads(line)
         print(json.dumps(_answer(system, problem)), file=answers, flush=True)
