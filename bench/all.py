@@ -11,7 +11,7 @@ what takes times runs alone.
 The files are copied to docs/measured. From there docs/measured.md is written, and everything between
 `<!-- bench: NAME -->` and `<!-- end -->` in README.md and docs/*.md. Files of `--data` are
 `motion_bench_maker_panda.json` and the recordings in `people`; without it, benches that need them are left out.
-`environments.json`, of `.ci/environments --json`, is a file like those of benches.
+`python -m bench fresh --tests --json FOLDER/environments.json`, which takes long, adds times on fresh machines.
 """
 
 from __future__ import annotations
@@ -25,12 +25,14 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import monotonic
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from bench._harness import Report, markdown_table, said
 from bench.peers.table import compact, figure
@@ -43,7 +45,7 @@ FIGURE = ROOT / "docs" / "peers.png"
 PACKAGES = ("ompl", "pin", "coal", "numpy", "scipy", "mujoco", "toppra", "ruckig", "pin-pink", "roboplan")
 CODE = ("safe_ompl/*.py", "safe_ompl/*.pyx", "safe_ompl/*.pxd", "bench/*.py", "bench/*.json", "setup.py")
 NOT_MEASURED = "bench/all.py", "bench/pages.py"  # what they write is made of files
-BLOCK = re.compile(r"(<!-- bench: ([\w ]+) -->\n\n).*?(\n<!-- end -->)", re.DOTALL)
+BLOCK = re.compile(r"(<!-- bench: ([\w ]+) -->(\n*)).*?<!-- end -->", re.DOTALL)
 
 Found = dict[str, dict[str, Any]]
 
@@ -124,6 +126,13 @@ SECTIONS: dict[tuple[str, str], tuple[Measurement, ...]] = {
             "The same of motions that others made.",
             "stops --only motions --motions 1000",
             4,
+            alone=False,
+        ),
+        Measurement(
+            "robots",
+            "Robots of example-robot-data with which all commands for a new robot work.",
+            "robots",
+            8,
             alone=False,
         ),
         Measurement("tubes", "Tubes hold.", "motions --only tubes --tubes 600", 2, alone=False),
@@ -326,10 +335,16 @@ def read(folder: Path) -> Found:
 
 
 def pages(found: Found) -> dict[Path, str]:
-    """Return what the pages ought to be."""
+    """Return what the pages ought to be; blocks of what was not measured stay as they are."""
     texts = {file: file.read_text(encoding="utf-8") for file in (ROOT / "README.md", *ROOT.glob("docs/*.md"))}
-    filled = {file: BLOCK.sub(lambda m: f"{m[1]}{BLOCKS[m[2]](found)}\n{m[3]}", text) for file, text in texts.items()}
-    return {**filled, PAGE: page(found)}
+    blocks = {name: make(found[source]) for name, (source, make) in BLOCKS.items() if source in found}
+    blocks["soundness"] = soundness(found)
+
+    def filled(block: re.Match[str]) -> str:
+        text = blocks.get(block[2])
+        return block[0] if text is None else f"{block[1]}{text}{block[3]}<!-- end -->"
+
+    return {**{file: BLOCK.sub(filled, text) for file, text in texts.items()}, PAGE: page(found)}
 
 
 def page(found: Found) -> str:
@@ -390,14 +405,41 @@ def soundness(found: Found) -> str:
     return markdown_table(("looked at", "number", "false", "undecided"), rows) if rows else "Not measured on this code."
 
 
-def peers(found: Found) -> str:
+Content = dict[str, Any]
+
+
+def peers(content: Content) -> str:
     """Return the table of planners that README shows."""
-    return markdown_table(*compact(found["peers"]["tables"][0])) if "peers" in found else "Not measured on this code."
+    return markdown_table(*compact(content["tables"][0]))
 
 
-def peers_in_full(found: Found) -> str:
+def peers_in_full(content: Content) -> str:
     """Return all tables of planners."""
-    return "\n\n".join(_tables(found["peers"])) if "peers" in found else "Not measured on this code."
+    return "\n\n".join(_tables(content))
 
 
-BLOCKS = {"soundness": soundness, "peers": peers, "peers in full": peers_in_full}
+def robots(content: Content) -> str:
+    """Return a row on robots that came through all commands, and on those that did not."""
+    rows = content["tables"][0]["rows"]
+    stopped = [row for row in rows if row[4:7] != ["yes"] * 3]
+    said = "; ".join(f"`{row[0]}`: {row[-1]}" for row in stopped)
+    row = ("example-robot-data", len(rows), len(rows) - len(stopped), said)
+    return markdown_table(("source", "robots", "passed", "not passed"), [row])
+
+
+def fresh(command: str, unit: float) -> Callable[[Content], str]:
+    """Return what makes the median time of one of README's commands on fresh machines, in a unit [s]."""
+
+    def median(content: Content) -> str:
+        return f"{np.median([row[2] for row in content['tables'][0]['rows'] if row[1] == command]) / unit:.0f}"
+
+    return median
+
+
+BLOCKS: dict[str, tuple[str, Callable[[Content], str]]] = {
+    "peers": ("peers", peers),
+    "peers in full": ("peers", peers_in_full),
+    "robots": ("robots", robots),
+    "first command": ("environments", fresh("first", 1.0)),
+    "second command": ("environments", fresh("second", 60.0)),
+}

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from bench._harness import Report
+from safe_ompl.robot import robots_folder
 
 CLAIM = "robots that come through all commands as they are"
 STEPS = ("plan", "verify", "view")
@@ -28,7 +29,7 @@ Record = dict[str, Any]
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument("places", nargs="+", metavar="FOLDER", help="or URDF")
+    parser.add_argument("places", nargs="*", metavar="FOLDER", help="or URDF (default: all of example-robot-data)")
     parser.add_argument("--package-dir", action="append", default=[], metavar="DIR")
     parser.add_argument("--jobs", type=int, default=1, help="robots at a time (default: %(default)s)")
     parser.add_argument("--patience", type=float, default=180.0, help="with a command [s] (default: %(default)s)")
@@ -36,7 +37,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace, report: Report) -> None:
     """Try each robot, and report the table."""
-    places = [Path(place).resolve() for place in options.places]
+    places = [Path(place).resolve() for place in options.places or [robots_folder()]]
     files = sorted({file for place in places for file in (place.rglob("*.urdf") if place.is_dir() else [place])})
     rows = []
     with ThreadPoolExecutor(options.jobs) as pool:
