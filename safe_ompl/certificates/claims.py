@@ -75,7 +75,7 @@ class ClaimedClearance(Section):
     """Claim that links keep a distance [m] from obstacles."""
 
     distance: float = key(document.number, at_least=0.0)
-    obstacles: tuple[str, ...] = key(document.each, read=document.line, least="obstacle")
+    obstacles: tuple[str, ...] = key(document.list_of, read=document.line, item_name="obstacle")
 
     def of(self, obstacle: str) -> float:
         """Return the distance that links keep from an obstacle [m]."""
@@ -90,7 +90,7 @@ class ClaimedClearance(Section):
 class ClaimedObstacles(Section):
     """Claim that the other claims hold for a time [s] while obstacles move no faster than their speeds [m/s]."""
 
-    speeds: Mapping[str, float] = key(document.by_name, read=document.number, at_least=0.0, least="obstacle")
+    speeds: Mapping[str, float] = key(document.mapping_of, read=document.number, at_least=0.0, item_name="obstacle")
     time: float = key(document.number, at_least=0.0)
 
     def of(self, obstacle: str) -> float:
@@ -130,7 +130,7 @@ class ClaimedTool(Section):
 
     orientation: ClaimedOrientation | None = key(document.section, default=None, kind=ClaimedOrientation)
     position: Mapping[str, tuple[float, ...]] | None = key(
-        document.by_name, default=None, read=document.numbers, count=2, known="xyz", least="axis"
+        document.mapping_of, default=None, read=document.numbers, count=2, known="xyz", item_name="axis"
     )
 
     def check(self) -> None:
@@ -191,9 +191,9 @@ class ClaimedMovingDanger(ClaimedDanger):
 class ClaimedStops(Section):
     """Claim that the robot always stops before people who begin to move come nearer than the clearance [m]."""
 
-    who: tuple[str, ...] = key(document.each, read=document.line, least="obstacle")
+    who: tuple[str, ...] = key(document.list_of, read=document.line, item_name="obstacle")
     speed: float = key(document.number, at_least=0.0)
-    speeds: Mapping[str, float] = key(document.by_name, read=document.number, at_least=0.0)
+    speeds: Mapping[str, float] = key(document.mapping_of, read=document.number, at_least=0.0)
     reaction_time: float = key(document.number, at_least=0.0)
     clearance: float = key(document.number, at_least=0.0)
     brakes: FloatArray = key(document.array)
@@ -247,7 +247,7 @@ class ClaimedMotion(Section):
     """
 
     times: FloatArray = key(document.array)
-    coefficients: tuple[FloatArray, ...] = key(document.each, read=document.array, ndim=2, least="piece")
+    coefficients: tuple[FloatArray, ...] = key(document.list_of, read=document.array, ndim=2, item_name="piece")
     timed: bool = key(document.flag)
     slack: FloatArray | None = key(document.array, default=None, ndim=2)
     rounding: FloatArray | None = key(document.array, default=None, ndim=2)
@@ -312,7 +312,7 @@ class ClaimedTrajectory(ClaimedMotion):
     `corners`, the indices of pieces that begin there, the robot stops.
     """
 
-    corners: tuple[int, ...] = key(document.each, read=document.whole_number, at_least=0)
+    corners: tuple[int, ...] = key(document.list_of, read=document.whole_number, at_least=0)
     edges: FloatArray = key(document.array)
     squares: FloatArray = key(document.array)
     duration: float = key(document.number, above=0.0)
@@ -371,7 +371,7 @@ class ClaimedTrajectory(ClaimedMotion):
 class ClaimedContact(Section):
     """Claim that links, or held objects, may touch an obstacle or a held object to a depth [m]."""
 
-    links: tuple[str, ...] = key(document.each, read=document.line, least="link")
+    links: tuple[str, ...] = key(document.list_of, read=document.line, item_name="link")
     object: str = key(document.line)
     depth: float = key(document.number, above=0.0)
 
@@ -384,10 +384,10 @@ class ClaimedStretch(Section):
     # Description of the stretch. The verifier neither reads nor prints it.
     step: str = key(document.line, default="")
     # Names of the objects that are detached before the stretch.
-    detach: tuple[str, ...] = key(document.each, default=(), read=document.line)
+    detach: tuple[str, ...] = key(document.list_of, default=(), read=document.line)
     # Objects that are attached before the stretch, with the tip that takes each.
-    attach: Mapping[str, str] = key(document.by_name, factory=dict, read=document.line)
-    contacts: tuple[ClaimedContact, ...] = key(document.each, default=(), read=document.section, kind=ClaimedContact)
+    attach: Mapping[str, str] = key(document.mapping_of, factory=dict, read=document.line)
+    contacts: tuple[ClaimedContact, ...] = key(document.list_of, default=(), read=document.section, kind=ClaimedContact)
     clearance: ClaimedClearance | None = key(document.section, default=None, kind=ClaimedClearance)
     danger: ClaimedDanger | None = key(document.section, default=None, kind=ClaimedDanger)
     moving_obstacles: ClaimedObstacles | None = key(document.section, default=None, kind=ClaimedObstacles)
@@ -462,9 +462,9 @@ class Certificate(Section):
     source: Any = key(document.plain)
     robot: RobotDocument = key(document.section, kind=RobotDocument)
     scene: SceneDocument = key(document.section, kind=SceneDocument)
-    joint_names: tuple[str, ...] = key(document.each, read=document.line)
+    joint_names: tuple[str, ...] = key(document.list_of, read=document.line)
     stretches: tuple[ClaimedStretch, ...] = key(
-        document.each, read=document.section, kind=ClaimedStretch, least="stretch"
+        document.list_of, read=document.section, kind=ClaimedStretch, item_name="stretch"
     )
     also_sampled: str | None = key(document.line, default=None)
     digest: str = key(document.sha)

@@ -392,7 +392,7 @@ def program_certificate(
     """
     parts = list(stretches)
     if not parts:
-        raise InputError("must be one stretch at least, got none", "stretches")
+        raise InputError("must contain at least one stretch", "stretches")
     first = parts[0][1].proof.checker
     robot, scene = begin or (first.robot, first.scene.untouched()[0])
     cell, said, end = RecordedCell(robot, scene), list[dict[str, Any]](), float(parts[0][0])

@@ -263,19 +263,19 @@ def sequence(key: str, value: Any) -> list[Any]:
     return list(value)
 
 
-def each(
-    key: str, value: Any, read: Callable[..., Any], *, count: int | None = None, least: str = "", **options: Any
+def list_of(
+    key: str, value: Any, read: Callable[..., Any], *, count: int | None = None, item_name: str = "", **options: Any
 ) -> tuple[Any, ...]:
     """Read each entry of a list with `read` and return the results as a tuple.
 
-    The list must have `count` entries if given. If `least` is given, it names the kind of entry, and an empty list is
-    refused. Raises InputError.
+    The list must have `count` entries if given. If `item_name` (a noun for the message) is given, an empty
+    list is refused. Raises InputError.
     """
     items = sequence(key, value)
     if count is not None and len(items) != count:
         raise InputError(f"must have {count} entries, got {len(items)}", key)
-    if least and not items:
-        raise InputError(f"must name one {least} at least", key)
+    if item_name and not items:
+        raise InputError(f"must contain at least one {item_name}", key)
     return tuple(read(f"{key}[{k}]", item, **options) for k, item in enumerate(items))
 
 
@@ -291,7 +291,7 @@ def interval(key: str, value: Any) -> tuple[float, float]:
     """Return `value` as two finite floats (low, high) with low < high, or raise InputError."""
     low, high = numbers(key, value, 2)
     if not low < high:
-        raise InputError(f"must be the least and the largest value, got [{low:g}, {high:g}]", key)
+        raise InputError(f"must be [low, high] with low < high, got [{low:g}, {high:g}]", key)
     return low, high
 
 
@@ -339,17 +339,22 @@ def section(key: str, value: Any, kind: Any) -> Any:
         return kind.from_mapping(given)
 
 
-def by_name(
-    key: str, value: Any, read: Callable[..., Any], known: Iterable[str] | None = None, least: str = "", **options: Any
+def mapping_of(
+    key: str,
+    value: Any,
+    read: Callable[..., Any],
+    known: Iterable[str] | None = None,
+    item_name: str = "",
+    **options: Any,
 ) -> dict[str, Any]:
     """Read each value of a mapping with `read` and return the results by name.
 
-    If given, `known` lists the allowed names. If `least` is given, it names the kind of entry, and an empty mapping is
-    refused. Raises InputError.
+    If given, `known` lists the allowed names. If `item_name` (a noun for the message) is given, an empty
+    mapping is refused. Raises InputError.
     """
     given = mapping(key, value, known)
-    if least and not given:
-        raise InputError(f"must name one {least} at least", key)
+    if item_name and not given:
+        raise InputError(f"must contain at least one {item_name}", key)
     with within(key):
         return {line("a name", name): read(name, item, **options) for name, item in given.items()}
 
@@ -502,8 +507,8 @@ def _bounded(sort: str, kind: str, above: float | None, at_least: float | None, 
         return f"a {sort} {kind} {lower}".rstrip()
     if not lower:
         return f"a {sort} {kind} <= {at_most:g}"
-    opening, least = ("(", above) if above is not None else ("[", at_least)
-    return f"a {sort} {kind} in {opening}{least:g}, {at_most:.10g}]"
+    opening, lower = ("(", above) if above is not None else ("[", at_least)
+    return f"a {sort} {kind} in {opening}{lower:g}, {at_most:.10g}]"
 
 
 def _not_finite(array: FloatArray) -> str:

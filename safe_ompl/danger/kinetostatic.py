@@ -93,7 +93,7 @@ class KinetostaticField:
         if field.aggregate == "max":
             dangers, best, *motions = self._highest(field, Q, Qd)
             groups = field.groups
-            chosen, rates = groups.columns.T[best][:, None], groups.charges[best][:, None]
+            chosen, rates = groups.columns.T[best][:, None], groups.point_weights[best][:, None]
         else:
             *motions, _ = field.robot.keypoint_motions(Q, Qd)
             fields = self._fields(field, *motions)

@@ -653,7 +653,7 @@ cdef void _bound(const Skeleton *s, Frames frames, const Points *points, Py_ssiz
     cdef uint32_t top
     _upper_bounds(s, frames, lane, points.reach, peaks, bounds)
     for k in range(M):
-        bounds[k] *= <float> points.charges[k]
+        bounds[k] *= <float> points.point_weights[k]
     for k in range(M, N):
         bounds[k] = 0.0
     # The bit patterns of non-negative floats sort like the floats themselves, and NaN sorts last.
@@ -725,7 +725,7 @@ cdef int _highest(
     cdef Peaks peaks
     cdef Cursor at
     cdef PointRange alone
-    cdef double *charges
+    cdef double *point_weights
     cdef double *places
     cdef double *high = NULL if others == NULL else others.levels
     cdef double level, peak
@@ -733,7 +733,7 @@ cdef int _highest(
     if memory == NULL:
         return -1
     frames, rays, forces = _frames(s, &rest), _rays_of(s, &rest), _forces_of(s, &rest)
-    peaks, charges, places = _peaks(K, points, &rest), _take(&rest, W), _take(&rest, 3 * K)
+    peaks, point_weights, places = _peaks(K, points, &rest), _take(&rest, W), _take(&rest, 3 * K)
     for first in range(0, B, 16):
         count, at, counting = min(<Py_ssize_t> W, B - first), Cursor(0, 0), False
         filled = _place(s, values + m * first, count, frames)
@@ -752,7 +752,7 @@ cdef int _highest(
                     _potentials(places, s, &alone, &rays.field[b], 1, True, rest)
             for b in range(number):
                 lane, point = rays.skeleton[b], rays.which[b]
-                level, peak = rays.field[b] * points.charges[point], peaks.peak[lane]
+                level, peak = rays.field[b] * points.point_weights[point], peaks.peak[lane]
                 if counting:
                     high[point] = max(high[point], level) if level >= peaks.least[lane] else high[point]
                 elif level > peak or (level == peak and point < peaks.best[lane]) or peak == -INFINITY:
@@ -773,9 +773,9 @@ cdef int _highest(
         if gradients != NULL:
             for lane in range(filled):
                 rays.skeleton[lane], rays.which[lane] = lane, peaks.best[min(lane, count - 1)]
-                charges[lane] = points.charges[rays.which[lane]]
+                point_weights[lane] = points.point_weights[rays.which[lane]]
             _cast_rays(s, frames, points, filled, rays)
-            _write_forces(s, charges, filled, rays, forces)
+            _write_forces(s, point_weights, filled, rays, forces)
             _jacobian_transpose_product(s, filled, frames, forces.forces, forces)
             for lane in range(count):
                 for i in range(m):

@@ -89,20 +89,20 @@ def vectors(keypoints: FloatArray, links: IntArray, points: FloatArray, weightin
 class Groups(NamedTuple):
     """M ≥ 1 danger points in G groups.
 
-    `columns` (3, M + G): the points, then a centre of each group. `charges` (M,): k₁w of the points. `begins` (G + 1,):
-    the first point of each group, and the end of the last one. `radii` (G,) [m]: about the centres. `heaviest` (G,):
-    largest charge of each group.
+    `columns` (3, M + G): the points, then a centre of each group. `point_weights` (M,): k₁w of the points. `begins`
+    (G + 1,): the first point of each group, and the end of the last group. `radii` (G,) [m]: about the centres.
+    `heaviest` (G,): largest point weight of each group.
     """
 
     columns: FloatArray
-    charges: FloatArray
+    point_weights: FloatArray
     begins: IntArray
     radii: FloatArray
     heaviest: FloatArray
 
 
 class DangerPoints:
-    """Danger points (M, 3) [m] with weights (M,) > 0 (None: 1). The charge of a point is its weight times k₁.
+    """Danger points (M, 3) [m] with weights (M,) > 0 (None: 1). A point weight is a weight times k₁.
 
     Read-only. Raises InputError if points or weights have the wrong shape, are not finite, or weights are not positive.
     """
@@ -118,8 +118,8 @@ class DangerPoints:
                 bad = self.weights[self.weights <= 0].tolist()
                 raise InputError(f"danger weights must be positive, got {bad}; leave out the others")
             self.weights.setflags(write=False)
-        charges = k1 * (np.ones(len(self.points)) if self.weights is None else self.weights)
-        self.table = static.DangerPointTable(columns(self.points), charges)
+        point_weights = k1 * (np.ones(len(self.points)) if self.weights is None else self.weights)
+        self.table = static.DangerPointTable(columns(self.points), point_weights)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -127,8 +127,8 @@ class DangerPoints:
     @cached_property
     def groups(self) -> Groups:
         """The points in groups of neighbours with equal weights. There must be at least one point."""
-        points, charges = self.points, self.table.charges
-        waiting, groups = [np.flatnonzero(charges == charge) for charge in np.unique(charges)], []
+        points, point_weights = self.points, self.table.point_weights
+        waiting, groups = ([np.flatnonzero(point_weights == value) for value in np.unique(point_weights)], [])
         while waiting:
             rows = waiting.pop()
             if len(rows) <= _GROUP:
@@ -142,6 +142,6 @@ class DangerPoints:
             np.linalg.norm(points[rows] - centre, axis=1).max() for rows, centre in zip(groups, centres, strict=True)
         ]
         order, begins = np.concatenate(groups), np.cumsum([0, *map(len, groups)], dtype=np.intp)
-        heaviest = np.array([charges[rows[0]] for rows in groups])
+        heaviest = np.array([point_weights[rows[0]] for rows in groups])
         places = np.concatenate([points[order], centres])
-        return Groups(columns(places), charges[order], begins, np.array(radii) * (1 + 1e-12), heaviest)
+        return Groups(columns(places), point_weights[order], begins, np.array(radii) * (1 + 1e-12), heaviest)

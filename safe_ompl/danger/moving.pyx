@@ -342,7 +342,8 @@ def gradients(
 
 
 cdef void _add_gradients(
-    const Motion *motion, Py_ssize_t link, const double *point, double charge, double *by_places, double *by_velocities
+    const Motion *motion, Py_ssize_t link, const double *point, double point_weight, double *by_places,
+    double *by_velocities
 ) noexcept nogil:
     """Add the gradients of the weighted field of a link at a point (3,) by key points and their velocities (K, 3)."""
     cdef const Skeleton *s = motion.skeleton
@@ -363,7 +364,7 @@ cdef void _add_gradients(
     cdef double v[3]
     cdef double length, d1, d2, half, weight, S, speed1, speed2, growth, c_rate, kappa_rate, rate, whole, squared, root
     cdef double by_S, by_l, e1, e2, e1_rate, e2_rate, stretch_rate, at_a, at_b, a_rate, b_rate, grown
-    cdef double at0, at1, G, drift, P0, P1, P2, swing, n, far, near, by_c1, push, swirl
+    cdef double at0, at1, G, drift, P0, P1, P2, moment, n, far, near, by_c1, by_both, by_end
     cdef GradientTerms terms
     cdef Isotropic iso = Isotropic(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     cdef Py_ssize_t x
@@ -376,7 +377,7 @@ cdef void _add_gradients(
     half = half_gap(u, v, d1, d2)
     if half <= 0.0 or d1 == 0.0 or d2 == 0.0:
         return
-    weight = (length if by_length else 1.0) * charge
+    weight = (length if by_length else 1.0) * point_weight
     S = d1 + d2
     terms = _gradient_terms(length, S, half)
     _kappa_slopes(length, S, terms.c, terms.kappa, &by_S, &by_l)
@@ -396,20 +397,20 @@ cdef void _add_gradients(
             G = iso.value * squared
             drift = (iso.c1 * iso.M0 + iso.c2 * iso.M1) / root
             P1 = at0 - at1 + drift
-            swing = (iso.c1 * iso.M1 + iso.c2 * iso.M2) / root - iso.s * drift
-            P0 = (at1 * (1 - iso.s) + at0 * iso.s + G - swing) / (iso.h * iso.h)
+            moment = (iso.c1 * iso.M1 + iso.c2 * iso.M2) / root - iso.s * drift
+            P0 = (at1 * (1 - iso.s) + at0 * iso.s + G - moment) / (iso.h * iso.h)
             P2 = 2 * G - iso.h * iso.h * P0
             for x in range(3):
                 n = u[x] - iso.s * w[x]
                 far = (n * (iso.s * P0 + P1) - w[x] * (iso.s * P1 + P2)) / (squared * squared)
                 near = (n * P0 - w[x] * P1) / (squared * squared) - far
                 by_c1 = iso.M1 / root / squared
-                push = (iso.M0 / root * va[x]) / squared + by_c1 * D[x]
-                swirl = by_c1 * va[x] + (iso.M2 / root * D[x]) / squared
+                by_both = (iso.M0 / root * va[x]) / squared + by_c1 * D[x]
+                by_end = by_c1 * va[x] + (iso.M2 / root * D[x]) / squared
                 by_a[x] += weight * spread * near
                 by_b[x] += weight * spread * far
-                by_va[x] += weight * spread * (push - swirl)
-                by_vb[x] += weight * spread * swirl
+                by_va[x] += weight * spread * (by_both - by_end)
+                by_vb[x] += weight * spread * by_end
     whole = terms.phi + ahead * rate + spread * iso.value
     for x in range(3):
         e1, e2 = u[x] / d1, v[x] / d2
@@ -424,7 +425,7 @@ cdef void _add_gradients(
         by_va[x] += weight * ahead * at_a
         by_vb[x] += weight * ahead * at_b
         if by_length:
-            grown = charge * whole * w[x] / length
+            grown = point_weight * whole * w[x] / length
             by_a[x] -= grown
             by_b[x] += grown
 
@@ -507,7 +508,7 @@ def cell_bounds(
     cdef Skeleton skeleton = skeleton_of(links, places, by_length)
     cdef CellMotion cell
     cdef int detail
-    cdef double level, push
+    cdef double level, coefficient
     _check(places, velocities)
     if speeds.shape[0] != N or speeds.shape[1] != K or accelerations.shape[0] != N or accelerations.shape[1] != K:
         raise InputError(f"speeds and accelerations must have shape ({N}, {K})")
@@ -527,19 +528,19 @@ def cell_bounds(
             )
             for p in range(M):
                 for detail in range(3):
-                    level = push = 0.0
-                    _add_cell_bounds(&cell, &points[p, 0], gamma, detail, &level, &push)
+                    level = coefficient = 0.0
+                    _add_cell_bounds(&cell, &points[p, 0], gamma, detail, &level, &coefficient)
                     out[0, b, p] = level * (1 + CLOSED_FORM_ROUNDING)
-                    out[1, b, p] = push
+                    out[1, b, p] = coefficient
                     if level == INFINITY or (detail == 1 and gamma == 0):
                         break
-                    if out[0, b, p] + rates[b] * push <= enough[p]:
+                    if out[0, b, p] + rates[b] * coefficient <= enough[p]:
                         break
     return found
 
 
 cdef void _add_cell_bounds(
-    const CellMotion *cell, const double *point, double gamma, int detail, double *level, double *push
+    const CellMotion *cell, const double *point, double gamma, int detail, double *level, double *coefficient
 ) noexcept nogil:
     """Add the bounds of all links in a cell; with more detail they are better and take longer."""
     cdef const Skeleton *s = cell.skeleton
@@ -550,7 +551,7 @@ cdef void _add_cell_bounds(
     cdef double D[3]
     cdef double u[3]
     cdef double v[3]
-    cdef double squared, t, away, V, A, near, field, most, swift, bend, size, low, high, x, y, z
+    cdef double squared, t, away, V, A, near, field, most, swift, curvature, size, low, high, x, y, z
     cdef Py_ssize_t k, i, j
     cdef Terms terms
     for k in range(s.L):
@@ -565,7 +566,7 @@ cdef void _add_cell_bounds(
         V, A = max(cell.speeds[i], cell.speeds[j]), max(cell.accelerations[i], cell.accelerations[j])
         near = away - V * h
         if near <= 0.0:
-            level[0] = push[0] = INFINITY
+            level[0] = coefficient[0] = INFINITY
             return
         field = most = 1 / near
         swift = (1 + gamma) * most * V / near
@@ -576,24 +577,24 @@ cdef void _add_cell_bounds(
                 u, v, w, velocities + 3 * i, velocities + 3 * j, D, detail == 2 and gamma > 0
             )
             most = min(most, terms.phi * away / near)
-            bend = most * (2 * V * V / (near * near) + A / near)
-            field = min(most, terms.phi + h * fabs(terms.rate) + h * h * bend / 2)
+            curvature = most * (2 * V * V / (near * near) + A / near)
+            field = min(most, terms.phi + h * fabs(terms.rate) + h * h * curvature / 2)
             swift = (1 + gamma) * most * V / near
             if detail == 2 or gamma == 0:
                 size = fabs(terms.rate) + gamma * terms.spread
                 swift = min(
                     swift,
-                    terms.rate + gamma * terms.spread + (1 + gamma) * h * bend + CLOSED_FORM_ROUNDING * size,
+                    terms.rate + gamma * terms.spread + (1 + gamma) * h * curvature + CLOSED_FORM_ROUNDING * size,
                 )
         low = high = 1.0
         if s.by_length:
             low, high = max(0.0, sqrt(squared) - stroke * h), sqrt(squared) + stroke * h
         level[0] += high * field
-        push[0] += swift * (high if swift > 0 else low)
+        coefficient[0] += swift * (high if swift > 0 else low)
 
 
 # Balls whose centres are columns (3, stride), that of ball 0 the one at `offset`; radii NULL: points. `tops` is the
-# largest charge of each, and `bounds` takes levels that they do not exceed.
+# largest point weight of each, and `bounds` takes levels that they do not exceed.
 cdef struct Balls:
     const double *columns
     Py_ssize_t stride
@@ -707,20 +708,21 @@ def highest(
     SkeletonTable skeleton not None, const double[:, ::1] values, const double[:, ::1] rates, groups, double ahead,
     double spread,
 ):
-    """Return the largest level charge·Σ(φ + ahead·φ̇ + spread·I) (B,), and of which point.
+    """Return the largest level weight·Σ(φ + ahead·φ̇ + spread·I) (B,), and of which point.
 
     Besides them places and velocities of the key points (B, K, 3). Joints have `values` and `rates` (B, m); `ahead` and
     `spread` are in seconds. The `groups` are M ≥ 1 danger points in G groups: columns (3, M + G), the points and a
-    centre of each group; charges k₁w (M,); where the groups begin, and the last one ends, (G + 1,); radii (G,) [m]
-    about the centres; largest charges (G,).
+    centre of each group; point weights k₁w (M,); where the groups begin, and the last group ends, (G + 1,); radii (G,)
+    [m] about the centres; largest point weights (G,).
     """
     cdef const double[:, ::1] columns = groups.columns
-    cdef const double[::1] charges = groups.charges
+    cdef const double[::1] point_weights = groups.point_weights
     cdef const Py_ssize_t[::1] begins = groups.begins
     cdef const double[::1] radii = groups.radii
     cdef const double[::1] heaviest = groups.heaviest
     cdef const Skeleton *s = &skeleton.data
-    cdef Py_ssize_t B = values.shape[0], m = s.m, K = s.K, M = charges.shape[0], G = radii.shape[0], most = G, g, b
+    cdef Py_ssize_t B = values.shape[0], m = s.m, K = s.K, M = point_weights.shape[0]
+    cdef Py_ssize_t G = radii.shape[0], most = G, g, b
     if values.shape[1] != m or rates.shape[1] != m or rates.shape[0] != B:
         raise InputError(f"values and rates must have {m} columns, and as many rows")
     if columns.shape[0] != 3 or columns.shape[1] != M + G or begins.shape[0] != G + 1 or heaviest.shape[0] != G:
@@ -744,7 +746,7 @@ def highest(
     cdef double *frames = bounds + G + M
     cdef BoundMemory memory = BoundMemory(room, most, frames + 21 * m)
     cdef Balls balls = Balls(&columns[0, 0], M + G, M, &radii[0], &heaviest[0], bounds)
-    cdef Balls alone = Balls(&columns[0, 0], M + G, 0, NULL, &charges[0], bounds + G)
+    cdef Balls alone = Balls(&columns[0, 0], M + G, 0, NULL, &point_weights[0], bounds + G)
     cdef Motion motion = Motion(s, NULL, NULL, ahead, spread)
     with nogil:
         for b in range(B):

@@ -49,10 +49,10 @@ cdef struct Skeleton:
     bint by_length
 
 
-# Danger points as columns (3, M) [m], their charges k₁w (M,), the columns in single precision, and the largest number.
+# Danger points as columns (3, M) [m], their weights k₁w (M,), the columns in single precision, and the largest number.
 cdef struct Points:
     const double *columns
-    const double *charges
+    const double *point_weights
     const float *single
     double reach
     Py_ssize_t M

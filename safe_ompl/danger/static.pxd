@@ -16,7 +16,7 @@ cdef class SkeletonTable:
 
 
 cdef class DangerPointTable:
-    cdef readonly object columns, charges, single
+    cdef readonly object columns, point_weights, single
     cdef Points data
 
 

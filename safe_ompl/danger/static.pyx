@@ -74,32 +74,32 @@ cdef class DangerPointTable:
     ----------
     columns : ndarray, shape (3, M)
         The points [m].
-    charges : ndarray, shape (M,)
+    point_weights : ndarray, shape (M,)
         k₁w, not negative.
     """
 
-    def __init__(self, columns, charges):
+    def __init__(self, columns, point_weights):
         cdef const double[:, ::1] column = columns
-        cdef const double[::1] charge = charges
+        cdef const double[::1] point_weight = point_weights
         single = np.asarray(columns, dtype=np.float32, order="C")
         cdef const float[:, ::1] short = single
-        cdef Py_ssize_t M = charge.shape[0]
+        cdef Py_ssize_t M = point_weight.shape[0]
         if column.shape[0] != 3 or column.shape[1] != M:
             raise InputError(f"danger points must have shape (3, {M}), got {np.shape(columns)}")
-        self.columns, self.charges, self.single = columns, charges, single
+        self.columns, self.point_weights, self.single = columns, point_weights, single
         if M:
-            self.data = Points(&column[0, 0], &charge[0], &short[0, 0], np.abs(single).max(), M)
+            self.data = Points(&column[0, 0], &point_weight[0], &short[0, 0], np.abs(single).max(), M)
 
     def __len__(self):
         return self.data.M
 
     def __reduce__(self):
-        return DangerPointTable, (self.columns, self.charges)
+        return DangerPointTable, (self.columns, self.point_weights)
 
     def some(self, chosen):
         """Return the table of the points with `chosen: (M,)`."""
         rows = np.flatnonzero(chosen)
-        return DangerPointTable(np.ascontiguousarray(self.columns.take(rows, axis=1)), self.charges[rows])
+        return DangerPointTable(np.ascontiguousarray(self.columns.take(rows, axis=1)), self.point_weights[rows])
 
 
 cdef class PointDanger:
@@ -171,9 +171,9 @@ cdef class PointDanger:
         """Write the results of `write` for a mean or a softmax, to which all points contribute."""
         skeleton, places = self.skeleton, self.skeleton.keys.places(values)
         levels = link_fields(places, skeleton.links, self.points.columns, skeleton.data.by_length, True)[:, 0]
-        levels = np.ascontiguousarray(levels * self.points.charges)
+        levels = np.ascontiguousarray(levels * self.points.point_weights)
         if gradients is not None:
-            weights = shares(levels, self.kind, self.sharpness) * self.points.charges
+            weights = shares(levels, self.kind, self.sharpness) * self.points.point_weights
             chosen = np.tile(np.arange(self.points.data.M, dtype=np.intp), (len(values), 1))
             self._write_gradients(values, chosen, weights, gradients)
         out[:] = aggregates(levels, self.kind, self.sharpness)
@@ -222,7 +222,7 @@ cdef class PointDanger:
         gradients = np.zeros((len(rows), values.shape[1]))
         if len(rows):
             alike = np.repeat(values, len(rows), axis=0)
-            self._write_gradients(alike, rows[:, None], self.points.charges[rows, None], gradients)
+            self._write_gradients(alike, rows[:, None], self.points.point_weights[rows, None], gradients)
         return high[rows], gradients
 
     def mean(self, const double[:, ::1] ends, Py_ssize_t panels, double tolerance):

@@ -83,7 +83,7 @@ class Obstacle:
             "pose": Pose() if pose is None else Pose.of(pose),
             "weight": shape.default_weight if weight is None else document.number("weight", weight, at_least=0.0),
             "color": None if color is None else _rgb(color),
-            "touched_by": document.each("touched_by", touched_by, document.text),
+            "touched_by": document.list_of("touched_by", touched_by, document.text),
         }
         for key, value in values.items():
             object.__setattr__(self, key, value)

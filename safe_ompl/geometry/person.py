@@ -215,9 +215,9 @@ class Person(Shape):
     default_weight: ClassVar[float] = 1.0
     height: float = key(document.number, default=_DEFAULT_HEIGHT, at_least=_HEIGHTS[0], at_most=_HEIGHTS[1])
     keypoints: Mapping[str, Sequence[float]] = key(
-        document.by_name, factory=dict, read=document.numbers, known=STANDING, count=3
+        document.mapping_of, factory=dict, read=document.numbers, known=STANDING, count=3
     )
-    only: tuple[str, ...] = key(document.each, default=(), read=_limb)
+    only: tuple[str, ...] = key(document.list_of, default=(), read=_limb)
 
     def check(self) -> None:
         """Raise InputError if the key points contradict each other."""

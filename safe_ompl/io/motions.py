@@ -184,7 +184,7 @@ class MotionRecord:
         problem = CarriedProblem.from_mapping(document.require(data, "problem"), robot, package_dirs)
         points = document.sequence("points", document.require(data, "points"))
         times, configurations = _points(points, problem.robot.n)
-        bounds = document.by_name("bounds", document.require(data, "bounds"), document.sequence)
+        bounds = document.mapping_of("bounds", document.require(data, "bounds"), document.sequence)
         return cls(
             problem,
             Motion.through(configurations, times, problem.robot.joint_names),
@@ -193,7 +193,7 @@ class MotionRecord:
                 name: np.array([np.inf if v is None else document.number(f"bounds.{name}", v) for v in values])
                 for name, values in bounds.items()
             },
-            document.each("binding", document.require(data, "binding"), _name_or_none),
+            document.list_of("binding", document.require(data, "binding"), _name_or_none),
             str(data.get("planner") or ""),
         )
 

@@ -184,7 +184,7 @@ class RobotDocument(Section):
 
     name: str = key(document.line)
     hash: str = key(document.sha)
-    links_without_collision: tuple[str, ...] = key(document.each, read=document.line)
+    links_without_collision: tuple[str, ...] = key(document.list_of, read=document.line)
     recipe: Mapping[str, Any] | None = key(document.mapping, default=None)
     meshes: Mapping[str, str] = key(schema.carried_files, factory=dict)
 

@@ -15,15 +15,15 @@ from safe_ompl.robot import Robot
 _log = logging.getLogger(__name__)
 
 # A smaller change of direction (norm of the difference of the unit tangents) is not a corner.
-_NEGLIGIBLE_TURN = 1e-9  # of unit vectors
+_MIN_CORNER = 1e-9
 # Lengths of the blends that are tried, as shares of the longest blend that is allowed.
 _BLEND_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
 # Share of the jerk limit that q‴ṡ³ may use. The rest is left for accelerating along the curve.
-BENDS = 0.9
+CURVE_JERK_SHARE = 0.9
 # Way points closer than this are treated as equal.
 _EQUAL_POINTS = 1e-12  # [rad]
 # Shorter lines between blends are avoided: rounding errors divided by such a length are large jumps of the velocity.
-_LEAST_LINE = 1e-5  # [rad]
+_MIN_LINE = 1e-5  # [rad]
 
 
 def blended(
@@ -38,37 +38,37 @@ def blended(
     steps = robot.difference(path[:-1], path[1:])
     moves = np.linalg.norm(steps, axis=1) > _EQUAL_POINTS
     if not moves.any():
-        raise InputError("the path does not move: give two different way points at least")
+        raise InputError("all way points are equal: give at least two different ones")
     steps = steps[moves]
     points = path[0] + np.vstack([np.zeros((1, robot.n)), np.cumsum(steps, axis=0)])  # continuous joints unrolled
     lengths = np.linalg.norm(steps, axis=1)
     units = steps / lengths[:, None]
     proof = motion if tolerance else None
-    still, spans, pieces, corners = np.zeros(robot.n), list[float](), list[FloatArray](), list[int]()
+    zero, spans, pieces, corners = np.zeros(robot.n), list[float](), list[FloatArray](), list[int]()
     # Length of the current edge that the previous blend uses.
-    begun = 0.0
+    used = 0.0
     for k, (unit, length) in enumerate(zip(units, lengths.tolist(), strict=True)):
         blend, parts = list[FloatArray](), list[float]()
         last = k == len(units) - 1
-        bends = not last and np.linalg.norm(units[k + 1] - unit) > _NEGLIGIBLE_TURN
-        if bends and proof is not None:
+        is_corner = not last and np.linalg.norm(units[k + 1] - unit) > _MIN_CORNER
+        if is_corner and proof is not None:
             longest = min(length, lengths[k + 1]) / 2
-            if _EQUAL_POINTS * length < length - begun - longest < _LEAST_LINE:
-                longest -= min(_LEAST_LINE, longest / 2)
+            if _EQUAL_POINTS * length < length - used - longest < _MIN_LINE:
+                longest -= min(_MIN_LINE, longest / 2)
             blend, parts = _blend(points[k + 1], unit, units[k + 1], longest, tolerance, proof, limits)
-        room = sum(parts) / 2
-        line = length - begun - room
+        half_length = sum(parts) / 2
+        line = length - used - half_length
         if line > _EQUAL_POINTS * length:
             spans.append(line)
-            pieces.append(np.array([points[k] + begun * unit, line * unit, still, still]))
+            pieces.append(np.array([points[k] + used * unit, line * unit, zero, zero]))
         pieces += blend
         spans += parts
-        if bends and not blend:
+        if is_corner and not blend:
             corners.append(len(pieces))
-        begun = room
+        used = half_length
     if corners:
-        why = "no blend is proven there" if proof else "nothing proves blends" if tolerance else "tolerance 0"
-        _log.info("the robot stops in %d of %d corners: %s", len(corners), len(units) - 1, why)
+        why = "no blend is proven there" if proof else "blends need a motion prover" if tolerance else "tolerance 0"
+        _log.info("the robot stops at %d of %d corners: %s", len(corners), len(units) - 1, why)
     times = np.concatenate([[0.0], np.cumsum(spans)])
     return Motion(times, np.array(pieces), robot.joint_names, timed=False, corners=tuple(corners))
 
@@ -77,7 +77,7 @@ def _blend(
     corner: FloatArray,
     first: FloatArray,
     second: FloatArray,
-    room: float,
+    half_length: float,
     tolerance: float,
     proof: MotionProver,
     limits: RateLimits | None,
@@ -87,23 +87,23 @@ def _blend(
     Without one, both lists are empty.
     """
     change = second - first
-    longest = min(room, 4 * tolerance / float(np.linalg.norm(change)))
+    longest = min(half_length, 4 * tolerance / float(np.linalg.norm(change)))
     for share in _BLEND_SHARES:
-        reach = share * longest
-        ramp = _ramp(np.abs(change), 2 * reach, limits)
-        top = change / (2 * reach * (1 - ramp))
-        still = np.zeros_like(change)
-        swing = top / (2 * reach * ramp) if ramp else still
+        half = share * longest
+        ramp = _ramp(np.abs(change), 2 * half, limits)
+        max_d2q_ds2 = change / (2 * half * (1 - ramp))
+        zero = np.zeros_like(change)
+        d3q_ds3 = max_d2q_ds2 / (2 * half * ramp) if ramp else zero
         # q″ rises, stays constant, and falls, each in one part of the blend.
-        parts = ((still, swing, ramp), (top, still, 1 - 2 * ramp), (top, -swing, ramp))
+        parts = ((zero, d3q_ds3, ramp), (max_d2q_ds2, zero, 1 - 2 * ramp), (max_d2q_ds2, -d3q_ds3, ramp))
         blend, spans = list[FloatArray](), list[float]()
-        q, rate = corner - reach * first, first
-        for bend, push, part in parts:
+        q, dq_ds = corner - half * first, first
+        for d2q_ds2, d3q_ds3, part in parts:
             if part > 0:
-                span = 2 * reach * part
-                blend.append(np.array([q, span * rate, span**2 / 2 * bend, span**3 / 6 * push]))
+                span = 2 * half * part
+                blend.append(np.array([q, span * dq_ds, span**2 / 2 * d2q_ds2, span**3 / 6 * d3q_ds3]))
                 spans.append(span)
-                q, rate = blend[-1].sum(axis=0), rate + span * (bend + span * push / 2)
+                q, dq_ds = blend[-1].sum(axis=0), dq_ds + span * (d2q_ds2 + span * d3q_ds3 / 2)
         if all(is_free(piece, proof) for piece in blend):
             return blend, spans
     return [], []
@@ -129,7 +129,7 @@ def _ramp(change: FloatArray, length: float, limits: RateLimits | None) -> float
     if limits is None or limits.jerk is None:
         return 0.0
     with np.errstate(divide="ignore"):
-        push = float((limits.acceleration / change).min())
-        jerk = float((BENDS * limits.jerk / change).min())
-    c = push**1.5 / (jerk * length**0.5)
+        acceleration = float((limits.acceleration / change).min())
+        jerk = float((CURVE_JERK_SHARE * limits.jerk / change).min())
+    c = acceleration**1.5 / (jerk * length**0.5)
     return float(min(0.5, c * (np.sqrt(c * c + 4) - c) / 2))

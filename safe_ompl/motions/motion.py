@@ -512,7 +512,7 @@ class Motion:
             data.get("slack"),
             documents.flag("timed", data.get("timed", True)),
             data.get("rounding"),
-            tuple(documents.each("corners", data.get("corners", ()), documents.whole_number, at_least=1)),
+            tuple(documents.list_of("corners", data.get("corners", ()), documents.whole_number, at_least=1)),
         )
 
 

@@ -28,7 +28,7 @@ from functools import cached_property
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
-from safe_ompl.motions.blends import BENDS
+from safe_ompl.motions.blends import CURVE_JERK_SHARE
 from safe_ompl.motions.cells import Boxes, Cells
 from safe_ompl.motions.laws import fastest, spread
 from safe_ompl.motions.limits import RateLimits
@@ -41,8 +41,8 @@ _WINDOW_FACTOR, _MOST_WINDOWS = 0.75, 40
 _FIRST_WINDOW = 8.0
 # Rounding errors do not affect averages over windows of at least this length.
 _LEAST_WINDOW = 1e-4  # [s]
-# Share of the jerk for q‴ṡ³ beside people. It is less than `BENDS`, because stops need the jerk.
-_BENDS_BESIDE_PEOPLE = 0.1
+# Share of the jerk for q‴ṡ³ beside people. It is less than `CURVE_JERK_SHARE`, because stops need the jerk.
+_CURVE_JERK_SHARE_BESIDE_PEOPLE = 0.1
 # Share of the range of σ̈ that is reserved for stops beside people.
 BRAKING = 2 / 3
 # Factors that tighten limits and widen the reach to cover rounding errors.
@@ -306,7 +306,7 @@ class SmoothLimits:
         `stops`: whether the robot may stop at any time. q‴ṡ³ may take a `share` of the jerk limit.
         """
         assert limits.jerk is not None
-        usual, braking = (_BENDS_BESIDE_PEOPLE, BRAKING) if stops else (BENDS, 0.5)
+        usual, braking = (_CURVE_JERK_SHARE_BESIDE_PEOPLE, BRAKING) if stops else (CURVE_JERK_SHARE, 0.5)
         share = usual if share is None else share
         d2q_ds2 = cells.d2q_ds2
         with np.errstate(divide="ignore"):

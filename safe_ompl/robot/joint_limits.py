@@ -76,7 +76,7 @@ class JointLimitsFile(Section):
     limits without these factors.
     """
 
-    joint_limits: Mapping[str, Mapping[str, float]] = key(document.by_name, read=read_joint)
+    joint_limits: Mapping[str, Mapping[str, float]] = key(document.mapping_of, read=read_joint)
     default_velocity_scaling_factor: float = key(document.number, default=1.0, above=0.0, at_most=1.0)
     default_acceleration_scaling_factor: float = key(document.number, default=1.0, above=0.0, at_most=1.0)
     file: Path | None = field(default=None, compare=False)

@@ -65,7 +65,7 @@ class Attachment(Section):
     shape: Shape = key(_shape)
     link: str = key(document.text)
     pose: Pose = key(read_pose, factory=Pose)
-    touch_links: tuple[str, ...] = key(document.each, default=(), read=document.text)
+    touch_links: tuple[str, ...] = key(document.list_of, default=(), read=document.text)
     danger: bool = key(document.flag, default=False)
     touch_depth: float | None = key(document.number, default=None, above=0.0)
 

@@ -34,7 +34,7 @@ def _bounds(key: str, given: Any) -> Bounds:
         return value, value
     low, high = document.numbers(key, given, 2)
     if low > high:
-        raise InputError(f"must be the least and the largest value, got [{low:g}, {high:g}]", key)
+        raise InputError(f"must be [low, high] with low <= high, got [{low:g}, {high:g}]", key)
     return low, high
 
 

@@ -201,22 +201,22 @@ class RobotSpec(Section):
     example: str | None = key(document.text, default=None)
     urdf: Path | None = key(read_path, default=None)
     srdf: Path | None = key(read_path, default=None)
-    package_dirs: tuple[PackageDir, ...] = key(document.each, read=read_package_dir, default=())
+    package_dirs: tuple[PackageDir, ...] = key(document.list_of, read=read_package_dir, default=())
     tip: str | None = key(document.line, default=None)
-    locked: Mapping[str, float] | None = key(document.by_name, read=document.number, default=None)
-    free: tuple[str, ...] = key(document.each, read=document.line, default=())
+    locked: Mapping[str, float] | None = key(document.mapping_of, read=document.number, default=None)
+    free: tuple[str, ...] = key(document.list_of, read=document.line, default=())
     base: Pose | None = key(read_pose, default=None)
     mobile_base: Ranges | None = key(_ranges, default=None)
-    attached: tuple[Attachment, ...] = key(document.each, read=document.section, kind=Attachment, default=())
-    robots: Mapping[str, RobotSpec] = key(document.by_name, read=read_robot, factory=dict)
+    attached: tuple[Attachment, ...] = key(document.list_of, read=document.section, kind=Attachment, default=())
+    robots: Mapping[str, RobotSpec] = key(document.mapping_of, read=read_robot, factory=dict)
     name: str | None = key(document.line, default=None)
     group: str | None = key(document.line, default=None)
     collision: CollisionSource = key(document.one_of, known=get_args(CollisionSource), default="required")
     accelerations: Mapping[str, float] = key(
-        document.by_name, read=document.number, factory=dict, **RATE_BOUNDS["acceleration"]
+        document.mapping_of, read=document.number, factory=dict, **RATE_BOUNDS["acceleration"]
     )
     xacro_args: Mapping[str, str] | None = key(_words, factory=dict)
-    limits: Mapping[str, tuple[float, float]] = key(document.by_name, read=document.numbers, count=2, factory=dict)
+    limits: Mapping[str, tuple[float, float]] = key(document.mapping_of, read=document.numbers, count=2, factory=dict)
     joint_limits: JointLimitsFile | None = key(JointLimitsFile.read, default=None)
     models: Models | None = None
 

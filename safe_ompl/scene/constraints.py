@@ -21,7 +21,9 @@ def read_configuration(key: str, value: Any) -> Configuration:
     """Read a configuration: a list of numbers, a mapping of joint names to numbers, or the name of a group state."""
     if isinstance(value, str):
         return document.line(key, value)
-    return document.by_name(key, value, document.number) if isinstance(value, Mapping) else document.numbers(key, value)
+    return (
+        document.mapping_of(key, value, document.number) if isinstance(value, Mapping) else document.numbers(key, value)
+    )
 
 
 def _direction(key: str, value: Any) -> tuple[float, ...]:
@@ -44,9 +46,9 @@ def pairs_of_names(key: str, value: Any) -> tuple[tuple[str, str], ...]:
 
 def _by_joint(key: str, value: Any, **bounds: Any) -> ByJoint:
     if isinstance(value, Mapping):
-        return document.by_name(key, value, document.number, **bounds)
+        return document.mapping_of(key, value, document.number, **bounds)
     if isinstance(value, (list, tuple)):
-        return document.each(key, value, document.number, **bounds)
+        return document.list_of(key, value, document.number, **bounds)
     return document.number(key, value, **bounds)
 
 
@@ -84,7 +86,7 @@ class MovingObstacles(Section):
     """Obstacles that may move in any direction, each at most at its speed."""
 
     # Bounds of the speeds [m/s], by obstacle.
-    speeds: Mapping[str, float] = key(document.by_name, read=document.number, at_least=0.0, least="obstacle")
+    speeds: Mapping[str, float] = key(document.mapping_of, read=document.number, at_least=0.0, item_name="obstacle")
     # Time from the state of the scene to the end of the last motion [s].
     time: float = key(document.number, above=0.0)
 
@@ -98,7 +100,7 @@ class PathLimits(Section):
     # Minimal distance [m] between the robot and `obstacles`, by default those with a danger weight. 0 only excludes
     # contact. Pairs of a link and an obstacle may be `exempt`.
     min_clearance: float = key(document.number, default=0.0, at_least=0.0)
-    obstacles: tuple[str, ...] | None = key(document.each, default=None, read=document.text)
+    obstacles: tuple[str, ...] | None = key(document.list_of, default=None, read=document.text)
     exempt: tuple[tuple[str, str], ...] = key(pairs_of_names, default=())
     tool: ToolConstraint | None = key(document.section, default=None, kind=ToolConstraint)
     tip: TipBox | None = key(document.section, default=None, kind=TipBox)
@@ -208,13 +210,15 @@ class People(Section):
     1.6
     """
 
-    who: tuple[str, ...] | None = key(document.each, default=None, read=document.text, least="obstacle")
+    who: tuple[str, ...] | None = key(document.list_of, default=None, read=document.text, item_name="obstacle")
     speed: float = key(document.number, default=WALKING, at_least=0.0)
-    speeds: Mapping[str, float] = key(document.by_name, read=document.number, factory=dict, known=LIMBS, at_least=0.0)
+    speeds: Mapping[str, float] = key(
+        document.mapping_of, read=document.number, factory=dict, known=LIMBS, at_least=0.0
+    )
     reaction_time: float = key(document.number, default=0.1, at_least=0.0)
     clearance: float = key(document.number, default=0.0, at_least=0.0)
     contact: bool = key(document.flag, default=False)
-    regions: Mapping[str, BodyRegion] = key(document.by_name, factory=dict, read=_region, known=CONTACT_TABLE)
+    regions: Mapping[str, BodyRegion] = key(document.mapping_of, factory=dict, read=_region, known=CONTACT_TABLE)
 
     def names(self, scene: Scene) -> tuple[str, ...]:
         """Return the names of the obstacles that are treated as people.

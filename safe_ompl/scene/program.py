@@ -126,7 +126,7 @@ class Seam(_Corridor):
     """A motion of the tip along a spline from its current pose through poses in the world."""
 
     kind: ClassVar[str] = "seam"
-    poses: tuple[Pose, ...] = key(document.each, factory=tuple, read=document.section, kind=Pose, least="pose")
+    poses: tuple[Pose, ...] = key(document.list_of, factory=tuple, read=document.section, kind=Pose, item_name="pose")
     arm: str | None = key(document.text, default=None)
 
 
@@ -135,7 +135,7 @@ class Gripper(_Contact):
     """A motion of gripper joints to values [rad or m], by name. All other joints stand still."""
 
     kind: ClassVar[str] = "gripper"
-    joints: Mapping[str, float] = key(document.by_name, read=document.number, factory=dict, least="joint")
+    joints: Mapping[str, float] = key(document.mapping_of, read=document.number, factory=dict, item_name="joint")
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ def read_step(key: str, value: Any) -> Step:
     return found
 
 
-_POSES = partial(document.each, read=document.section, kind=Pose, least="pose")
+_POSES = partial(document.list_of, read=document.section, kind=Pose, item_name="pose")
 
 
 @dataclass(frozen=True)
@@ -206,9 +206,9 @@ class Program(Section):
     11
     """
 
-    steps: tuple[Step, ...] = key(document.each, read=read_step, least="step")
-    grasps: Mapping[str, tuple[Pose, ...]] = key(document.by_name, factory=dict, read=_POSES)
-    places: Mapping[str, tuple[Pose, ...]] = key(document.by_name, factory=dict, read=_POSES)
+    steps: tuple[Step, ...] = key(document.list_of, read=read_step, item_name="step")
+    grasps: Mapping[str, tuple[Pose, ...]] = key(document.mapping_of, factory=dict, read=_POSES)
+    places: Mapping[str, tuple[Pose, ...]] = key(document.mapping_of, factory=dict, read=_POSES)
 
     @property
     def gripper_joints(self) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ class Goal(Section):
     """
 
     # The planner may choose any of these configurations.
-    configurations: tuple[Configuration, ...] = key(document.each, default=(), read=read_configuration)
+    configurations: tuple[Configuration, ...] = key(document.list_of, default=(), read=read_configuration)
     # Position of the tip in the world [m].
     position: tuple[float, ...] | None = key(document.numbers, default=None, count=3)
     quaternion_xyzw: tuple[float, ...] | None = key(document.numbers, default=None, count=4)
@@ -119,7 +119,7 @@ _PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 
 def _parameters(key: str, value: Any) -> dict[str, Any]:
     """Read a mapping of names to finite numbers, flags, text, or lists of numbers."""
-    return document.by_name(key, {} if value is None else value, _parameter)
+    return document.mapping_of(key, {} if value is None else value, _parameter)
 
 
 def _parameter(key: str, value: Any) -> Any:
@@ -188,12 +188,12 @@ class Scenario(Section):
     program: Program | None = key(document.section, default=None, kind=Program)
     description: str = key(_description, default="")
     danger: Mapping[str, Any] = key(_parameters, factory=dict)
-    planners: Mapping[str, Mapping[str, Any]] = key(document.by_name, factory=dict, read=_parameters)
+    planners: Mapping[str, Mapping[str, Any]] = key(document.mapping_of, factory=dict, read=_parameters)
     time: float = key(document.number, default=_DEFAULT_TIME, above=0.0)
     limits: PathLimits = key(document.section, factory=PathLimits, kind=PathLimits)
     motion: MotionLimits = key(document.section, factory=MotionLimits, kind=MotionLimits)
     people: People | None = key(document.section, default=None, kind=People)
-    frames: Mapping[str, Pose] = key(document.by_name, factory=dict, read=document.section, kind=Pose)
+    frames: Mapping[str, Pose] = key(document.mapping_of, factory=dict, read=document.section, kind=Pose)
     file: Path | None = field(default=None, compare=False)
 
     def check(self) -> None:

@@ -156,7 +156,7 @@ def test_slack_counts_and_its_digest_is_looked_at(ur5, clutter):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"coefficients": []}, r"motion\.coefficients: must name one piece"),
+        ({"coefficients": []}, r"motion\.coefficients: must contain at least one piece"),
         ({"coefficients": [[[0] * 6], [[0] * 6], [[0] * 6]]}, r"coefficients\[0\]: must be 2 to 16 rows of 6"),
         ({"times": [0, 1, 1, 2]}, r"motion\.times: must be 4 numbers that increase"),
         ({"timed": 1}, "timed: must be true or false"),

@@ -118,9 +118,9 @@ def test_a_danger_below_single_precision_is_that_of_its_own_points(panda, rng):
     """Bounds are zero there, as are those of the places that fill up a row of points: what lies there is not read."""
     Q, small = some(panda, rng, 5), 1e-60
     known = DangerField(panda, POINTS).point_danger()
-    columns, charges = np.zeros(64), np.full(64, 1e9)
-    columns[:27], charges[:9] = known.points.columns.ravel(), small
-    faint = DangerPointTable(columns[:27].reshape(3, 9), charges[:9])
+    columns, point_weights = np.zeros(64), np.full(64, 1e9)
+    columns[:27], point_weights[:9] = known.points.columns.ravel(), small
+    faint = DangerPointTable(columns[:27].reshape(3, 9), point_weights[:9])
     found = PointDanger(known.skeleton, faint, known.kind, known.sharpness).values(Q)
     np.testing.assert_allclose(found, small * known.values(Q), rtol=1e-12, atol=0.0)
 

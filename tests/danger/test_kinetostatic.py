@@ -218,13 +218,13 @@ def test_a_danger_point_on_a_link_or_at_its_end_is_found_among_many(panda, weigh
 @pytest.mark.parametrize("number", [1, 64, 65, 1025, 5000])
 @pytest.mark.parametrize("flat", [1.0, 0.0])
 def test_groups_hold_their_points(panda, rng, number, flat):
-    points, charges = rng.normal(size=(number, 3)) * [1.0, flat, flat], rng.choice([1.0, 2.0], number)
-    groups = DangerField(panda, points, charges).groups
+    points, point_weights = rng.normal(size=(number, 3)) * [1.0, flat, flat], rng.choice([1.0, 2.0], number)
+    groups = DangerField(panda, points, point_weights).groups
     places, centres = groups.columns.T[:number], groups.columns.T[number:]
-    given, held = (np.column_stack(parts) for parts in ((points, charges), (places, groups.charges)))
+    given, held = (np.column_stack(parts) for parts in ((points, point_weights), (places, groups.point_weights)))
     np.testing.assert_array_equal(held[np.lexsort(held.T)], given[np.lexsort(given.T)])
     assert (groups.begins[0], groups.begins[-1]) == (0, number)
     for g, (begin, end) in enumerate(pairwise(groups.begins)):
         assert 0 < end - begin <= 64
         assert (np.linalg.norm(places[begin:end] - centres[g], axis=1) <= groups.radii[g]).all()
-        assert (groups.charges[begin:end] <= groups.heaviest[g]).all()
+        assert (groups.point_weights[begin:end] <= groups.heaviest[g]).all()

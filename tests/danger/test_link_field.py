@@ -45,10 +45,10 @@ def gliding(places):
     return KeyPointTable(keys, JointTable(joints))
 
 
-def point_danger(places, links, points, charges, by_length, kind):
+def point_danger(places, links, points, point_weights, by_length, kind):
     """Return the danger of key points (K, 3) that joints move along the axes of the world."""
     skeleton = SkeletonTable(gliding(places), links, by_length)
-    return PointDanger(skeleton, DangerPointTable(columns(points), charges), kind, 1.0)
+    return PointDanger(skeleton, DangerPointTable(columns(points), point_weights), kind, 1.0)
 
 
 def keypoint_gradient(keypoints, links, points, weights, weighting="unit"):
@@ -195,7 +195,7 @@ def test_keypoint_gradient_of_links_of_any_length(weighting, length):
     np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-8)
 
 
-def test_gradient_of_a_link_without_length_is_that_of_a_charge():
+def test_gradient_of_a_link_without_length_is_that_of_a_point():
     keypoints, p = np.array([[A, A]]), np.array([[0.5, 0.7, 0.9]])
     ray = p[0] - A
     expected = ray / np.linalg.norm(ray) ** 3

@@ -213,7 +213,7 @@ def test_what_cannot_be_is_refused(timed, panda, shelf_path, panda_limits):
         ({"speeds": {"right_hand": -2}}, "speeds.right_hand: must be"),
         ({"speeds": {"tail": 2}}, "speeds"),
         ({"regions": {"hand": [1, 0, 1]}}, r"regions.hand\[1\]: must be"),
-        ({"who": []}, "who: must name one"),
+        ({"who": []}, "who: must contain at least one obstacle"),
         ({"contact": "yes"}, "contact: must be"),
         ({"robot_mass": 5}, "robot_mass: unknown key"),
     ],

@@ -121,7 +121,7 @@ def test_scenarios_have_limits(scenario, tmp_path):
         ({"tool": {"angle": 30}}, r"limits\.tool\.angle: must be a finite number in \(0, 3.14"),
         ({"tool": {"angle": 0.5, "axis": [0, 0, 0]}}, r"limits\.tool\.axis: must be a vector"),
         ({"tool": {"angle": 0.5, "direct": [0, 0, 1]}}, r"limits\.tool\.direct: unknown key"),
-        ({"tip": {"z": [1, 0]}}, r"limits\.tip\.z: must be the least and the largest value"),
+        ({"tip": {"z": [1, 0]}}, r"limits\.tip\.z: must be \[low, high\] with low < high"),
         ({"tip": {}}, r"limits\.tip\.x: missing"),
     ],
 )

@@ -106,7 +106,7 @@ def test_one_number_is_a_bound_without_choice():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"x": (0.2, 0.1)}, r"x: must be the least and the largest value, got \[0.2, 0.1\]"),
+        ({"x": (0.2, 0.1)}, r"x: must be \[low, high\] with low <= high, got \[0.2, 0.1\]"),
         ({"x": "wide"}, "x: must be a list"),
         ({"z": (0.0, np.nan)}, "z: must be a finite number"),
         ({"y": (0, 1, 2)}, "y: must be 2 numbers"),

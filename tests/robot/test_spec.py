@@ -67,7 +67,7 @@ def test_written_and_read_again(data_folder, text):
         ("{example: ur5, base: {position: [0, 0]}}", r"base\.position: must be 3 numbers"),
         ("{example: ur5, mobile_base: [[0, 1]]}", "mobile_base: must be the limits in x and in y"),
         ("{example: ur5, mobile_base: [[-1, .inf], [0, 1]]}", "mobile_base: must be a finite number"),
-        ("{example: ur5, mobile_base: [[-1, 1], [1, 1]]}", "mobile_base: must be the least and the largest value"),
+        ("{example: ur5, mobile_base: [[-1, 1], [1, 1]]}", r"mobile_base: must be \[low, high\] with low < high"),
         ("{example: ur5, attached: [{name: a, sphere: {radius: 1}}]}", r"attached\[0\]\.link: missing, but"),
         ("{example: ur5, attached: [{name: a, link: tool0, ball: 1}]}", r"attached\[0\]\.ball: unknown key"),
         (

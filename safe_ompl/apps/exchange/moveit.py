@@ -200,7 +200,7 @@ class _Moveit:
         found: Placed = []
         for key in ("primitives", "meshes"):
             shapes = document.sequence(key, item.get(key, ()))
-            places = document.each(_POSES[key], item.get(_POSES[key], ()), _placed, count=len(shapes))
+            places = document.list_of(_POSES[key], item.get(_POSES[key], ()), _placed, count=len(shapes))
             for k, (shape, place) in enumerate(zip(shapes, places, strict=True)):
                 with document.within(f"{key}[{k}]"):
                     name = "".join(c if c.isalnum() or c in "-_" else "_" for c in f"{item['id']}_{k}")

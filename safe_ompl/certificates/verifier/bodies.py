@@ -230,34 +230,39 @@ class PlainSpeeds:
         pin.forwardKinematics(self._model, self._data, robot.pinocchio_configuration(q))
         axes, origins = joint_lines(robot, self._data)
         motions, sliding = coupling.motions(piece.at(middle, 1))[:, None] * axes, robot.joint_prismatic[:, None]
-        # A point x that a joint carries moves with turn × x + drift.
-        turns = np.where(sliding, 0.0, motions)
-        drifts = np.where(sliding, motions, np.cross(origins, motions))
+        # A point x that a joint carries moves with angular velocity × x + linear velocity.
+        angular_velocities = np.where(sliding, 0.0, motions)
+        linear_velocities = np.where(sliding, motions, np.cross(origins, motions))
         steps = coupling.reach(piece.most(1))
         slid = np.abs(coupling.values(q)) + half * steps
         most = coupling.reach(piece.most(2))
-        exact = [self._speed(body, turns, drifts) for body in bodies]
-        bends = [bend_bound(robot, body.movers, body.length, steps, most, slid) for body in bodies]
-        bounds = (speed + half * bend for speed, bend in zip(exact, bends, strict=True))
+        exact = [self._speed(body, angular_velocities, linear_velocities) for body in bodies]
+        accelerations = [acceleration_bound(robot, body.movers, body.length, steps, most, slid) for body in bodies]
+        bounds = (speed + half * acceleration for speed, acceleration in zip(exact, accelerations, strict=True))
         return max(exact, default=0.0), max(bounds, default=0.0)
 
-    def _speed(self, body: _Body, turns: FloatArray, drifts: FloatArray) -> float:
+    def _speed(self, body: _Body, angular_velocities: FloatArray, linear_velocities: FloatArray) -> float:
         place = self._data.oMi[body.carrier]
-        turning, drift = turns[body.movers].sum(axis=0), drifts[body.movers].sum(axis=0)
-        x, y, z = turning
-        # With this matrix, p @ across is turning × p.
+        angular_velocity, linear_velocity = (
+            angular_velocities[body.movers].sum(axis=0),
+            linear_velocities[body.movers].sum(axis=0),
+        )
+        x, y, z = angular_velocity
+        # With this matrix, p @ across is the angular velocity × p.
         across = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
-        velocity = body.points @ (place.rotation.T @ across) + (place.translation @ across + drift)
-        return sqrt(float((velocity * velocity).sum(axis=1).max())) + body.pad * sqrt(float(turning @ turning))
+        velocity = body.points @ (place.rotation.T @ across) + (place.translation @ across + linear_velocity)
+        return sqrt(float((velocity * velocity).sum(axis=1).max())) + body.pad * sqrt(
+            float(angular_velocity @ angular_velocity)
+        )
 
 
-def bend_bound(
-    robot: Robot, movers: list[int], length: float, steps: FloatArray, bends: FloatArray, slid: FloatArray
+def acceleration_bound(
+    robot: Robot, movers: list[int], length: float, steps: FloatArray, d2q_ds2: FloatArray, slid: FloatArray
 ) -> float:
     """Return a bound of ‖x″‖, by arc length, of points moved by the joints `movers`, outermost first.
 
     The points are within `length` [m] of the origin of the first of these joints. For the model's joints (m,), `steps`
-    and `bends` bound |q′| and |q″|, and `slid` bounds the extension of prismatic joints [m].
+    and `d2q_ds2` bound |q′| and |q″|, and `slid` bounds the extension of prismatic joints [m].
     """
     sliding = robot.joint_prismatic.tolist()
     beneath = float(sum(steps[i] for i in movers if not sliding[i]))
@@ -265,7 +270,7 @@ def bend_bound(
     for i in movers:
         radius, own = (1.0, 0.0) if sliding[i] else (length, float(steps[i]))
         beneath -= own
-        found += radius * float(steps[i] * (2 * beneath + own) + bends[i])
+        found += radius * float(steps[i] * (2 * beneath + own) + d2q_ds2[i])
         offset = robot.shared.model.jointPlacements[i + 1].translation
         length += sqrt(float(offset @ offset))
         length += float(slid[i]) if sliding[i] else 0.0

@@ -21,7 +21,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.certificates.claims import ClaimedDanger, ClaimedMovingDanger, ClaimedStretch
-from safe_ompl.certificates.verifier.bodies import Budget, PlainTool, bend_bound, joint_lines, joints_below
+from safe_ompl.certificates.verifier.bodies import Budget, PlainTool, acceleration_bound, joint_lines, joints_below
 from safe_ompl.certificates.verifier.motion import RecordedLaw, RecordedPiece
 from safe_ompl.common import CertificateError, FloatArray, IntArray, within
 from safe_ompl.robot import Robot
@@ -86,8 +86,8 @@ class PlainDanger:
         ends = np.maximum(_norm(points - start) + _norm(points - end), _NEGLIGIBLE_LENGTH)
         share = np.minimum(length / ends, 1 - 1e-15)
         field = np.where(length > 1e-6, 2 * np.arctanh(share) / np.maximum(length, _NEGLIGIBLE_LENGTH), 2 / ends)
-        room = distance - moved[robot.segments].max(axis=1)[:, None]
-        grown = np.where(room > 0, field * distance / np.where(room > 0, room, 1.0), np.inf)
+        least = distance - moved[robot.segments].max(axis=1)[:, None]
+        grown = np.where(least > 0, field * distance / np.where(least > 0, least, 1.0), np.inf)
         if self._claim.weighting == "length":
             slides = float(robot.coupling.reach(steps)[robot.joint_prismatic].sum())
             field, grown = field * length, grown * (length + slides)
@@ -141,7 +141,7 @@ class _MovingInterval(NamedTuple):
     places: FloatArray
     velocities: FloatArray
     speeds: FloatArray  # (L,) V
-    bends: FloatArray  # (L,) A
+    accelerations: FloatArray  # (L,) A
     # Bound of the speed at which a link becomes longer.
     strokes: float
 
@@ -183,11 +183,11 @@ class PlainMovingDanger:
     def _above(self, interval: _MovingInterval, rates: tuple[float, float], points: IntArray, parts: int) -> IntArray:
         """Return the danger points for which the bound is not proven. For a sum, all points or none are returned."""
         claim, still = self._claim, self._still
-        levels, pushes = self._bounds(interval, still.points[points], parts)
+        levels, coefficients = self._bounds(interval, still.points[points], parts)
         limit = claim.bound * (1 + _SUM_ROUNDING)
         # Where a point may be reached, the product is 0·∞. The result NaN is replaced by infinity.
         with np.errstate(invalid="ignore"):
-            fields = [claim.k1 * levels + claim.k2 * rate * pushes for rate in rates]
+            fields = [claim.k1 * levels + claim.k2 * rate * coefficients for rate in rates]
         fields = [np.where(np.isnan(field), np.inf, field) for field in fields]
         if claim.aggregate == "max":
             return points[still.weights[points] * np.maximum(*fields) > limit]
@@ -196,15 +196,15 @@ class PlainMovingDanger:
 
     def _bounds(self, interval: _MovingInterval, points: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
         """Return bounds (M,) of φ and of φ′ + γI in an interval. Without parts, only the distances are used."""
-        h, V, A = interval.half, interval.speeds[:, None], interval.bends[:, None]
+        h, V, A = interval.half, interval.speeds[:, None], interval.accelerations[:, None]
         a, b = (interval.places[side, None] for side in self._ends)
         w = b - a
         length = _norm(w)  # (L, 1)
         u, v = points - a, points - b
         t = np.clip((u * w).sum(axis=2) / np.maximum(length**2, _NEGLIGIBLE_LENGTH**2), 0.0, 1.0)
         away = _norm(u - t[..., None] * w)  # (L, M)
-        room = away - V * h
-        near = np.where(room > 0, room, np.nan)
+        least = away - V * h
+        near = np.where(least > 0, least, np.nan)
         field = most = 1 / near
         swift = (1 + self._gamma) * most * V / near
         if parts:
@@ -218,9 +218,9 @@ class PlainMovingDanger:
         if self._claim.weighting == "length":
             longest, shortest = length + interval.strokes * h, np.maximum(length - interval.strokes * h, 0.0)
             field, swift = longest * field, swift * np.where(swift > 0, longest, shortest)
-        level, push = field.sum(axis=0), swift.sum(axis=0)
+        level, coefficient = field.sum(axis=0), swift.sum(axis=0)
         reached = np.isnan(level)
-        return np.where(reached, np.inf, level), np.where(reached, np.inf, push)
+        return np.where(reached, np.inf, level), np.where(reached, np.inf, coefficient)
 
     def _isotropic(
         self, interval: _MovingInterval, u: FloatArray, w: FloatArray, away: FloatArray, length: FloatArray, parts: int
@@ -251,15 +251,15 @@ class PlainMovingDanger:
         axes, origins = joint_lines(robot, self._data)
         motions = coupling.motions(piece.at(middle, 1))[:, None] * axes
         turned = np.where(robot.joint_prismatic[:, None], motions, np.cross(motions, places[:, None] - origins))
-        velocities, bends = np.einsum("km,kmx->kx", robot.joint_keypoint_support, turned), np.zeros(len(places))
+        velocities, accelerations = np.einsum("km,kmx->kx", robot.joint_keypoint_support, turned), np.zeros(len(places))
         steps = coupling.reach(piece.most(1))
         slid = np.abs(coupling.values(q)) + half * steps
         for k, carrier in enumerate(self._carriers):
             if movers := joints_below(robot, carrier):
                 length = float(np.linalg.norm(places[k] - origins[carrier - 1]))
-                bends[k] = bend_bound(robot, movers, length, steps, coupling.reach(piece.most(2)), slid)
-        speeds = _norm(velocities) + half * bends
-        both = [np.maximum(*(of[side] for side in self._ends)) for of in (speeds, bends)]
+                accelerations[k] = acceleration_bound(robot, movers, length, steps, coupling.reach(piece.most(2)), slid)
+        speeds = _norm(velocities) + half * accelerations
+        both = [np.maximum(*(of[side] for side in self._ends)) for of in (speeds, accelerations)]
         strokes = float(steps[robot.joint_prismatic].sum())
         return _MovingInterval(half, places, velocities, both[0], both[1], strokes)
 

@@ -197,7 +197,7 @@ class RecordedLaw:
         return self._average.duration
 
     @property
-    def pushes(self) -> FloatArray:
+    def path_accelerations(self) -> FloatArray:
         """s̈ (C,) in each cell; of the plan, if there is a window."""
         return np.diff(self.squares) / (2 * np.diff(self.edges))
 
@@ -209,7 +209,7 @@ class RecordedLaw:
             return float(np.sqrt(squares.min())), float(np.sqrt(squares.max()))
         times = [self._average.passed(cell, s) for s in (first, last)]
         rates = [self._average.rate(t) for t in times]
-        more = max(times[1] - times[0], 0.0) / 2 * float(np.abs(self.pushes).max())
+        more = max(times[1] - times[0], 0.0) / 2 * float(np.abs(self.path_accelerations).max())
         return max(min(rates) - more, 0.0), max(rates) + more
 
     def near(self, k: int, speeds: FloatArray) -> BoolArray:
@@ -276,10 +276,11 @@ class RecordedLaw:
             if any(jump * speed > most * length for jump, most in zip(jumps, _MOST_JUMP_RATES, strict=False)):
                 raise CertificateError(f"trajectory: piece {k} is too short for the jump where it begins")
 
-    def exceeded(self, claim: ClaimedTrajectory, squares: FloatArray, pushes: FloatArray) -> str | None:
+    def exceeded(self, claim: ClaimedTrajectory, squares: FloatArray, path_accelerations: FloatArray) -> str | None:
         """Return a text with the joint that exceeds a claimed limit, and where, or None.
 
-        In each cell the law, or its plan, is in the convex hull of pairs of ṡ² and s̈, `squares, pushes: (C, K)`.
+        In each cell the law, or its plan, is in the convex hull of pairs of ṡ² and s̈: `squares` and
+        `path_accelerations`, each (C, K).
         """
         velocity, acceleration, jerk = claim.velocity, claim.acceleration, claim.jerk
         assert velocity is not None
@@ -290,22 +291,24 @@ class RecordedLaw:
         for k, fastest in enumerate(most.tolist()):
             piece, start = self.pieces[self.of[k]], self.starts[self.of[k]]
             ends = self.edges[k] - start, self.edges[k + 1] - start
-            slopes, bends = piece.between(1, *ends), list(piece.between(2, *ends))
+            dq_ds, d2q_ds2 = piece.between(1, *ends), list(piece.between(2, *ends))
             # ṡ² may be less than the average of σ̇² of the plan.
             if self.window:
-                bends.append(np.zeros_like(bends[0]))
+                d2q_ds2.append(np.zeros_like(d2q_ds2[0]))
             near = self.near(k, np.full(len(most), fastest))
-            x, push = squares[near].reshape(-1, 1), pushes[near].reshape(-1, 1)
-            slope, bend = np.maximum(-slopes[0], slopes[1]), np.abs(bends).max(axis=0)
-            felt = np.max([np.abs(p * push + c * x).max(axis=0) for p in slopes for c in bends], axis=0)
+            x, path_acceleration = squares[near].reshape(-1, 1), path_accelerations[near].reshape(-1, 1)
+            max_dq_ds, max_d2q_ds2 = np.maximum(-dq_ds[0], dq_ds[1]), np.abs(d2q_ds2).max(axis=0)
+            accelerations = np.max(
+                [np.abs(p * path_acceleration + c * x).max(axis=0) for p in dq_ds for c in d2q_ds2], axis=0
+            )
             wrong = [
-                ("is faster", slope * fastest > velocity + _TIME_LAW_TOLERANCES[0]),
-                ("accelerates more", felt > acceleration + _TIME_LAW_TOLERANCES[1]),
+                ("is faster", max_dq_ds * fastest > velocity + _TIME_LAW_TOLERANCES[0]),
+                ("accelerates more", accelerations > acceleration + _TIME_LAW_TOLERANCES[1]),
             ]
             if jerk is not None:
-                low, high = min(float(push.min()), 0.0), max(float(push.max()), 0.0)
-                jerks = piece.most(3) * fastest**3 + 3 * bend * fastest * max(-low, high)
-                jerks = jerks + slope * (high - low) / self.window
+                low, high = min(float(path_acceleration.min()), 0.0), max(float(path_acceleration.max()), 0.0)
+                jerks = piece.most(3) * fastest**3 + 3 * max_d2q_ds2 * fastest * max(-low, high)
+                jerks = jerks + max_dq_ds * (high - low) / self.window
                 wrong.append(("has more jerk", jerks > jerk + _TIME_LAW_TOLERANCES[2]))
             for what, joints in wrong:
                 for i in np.flatnonzero(joints):
@@ -335,10 +338,10 @@ class PlainAverage:
     def _plan(self, k: int, time: float) -> tuple[float, float]:
         """Return σ and ∫σ in cell k at a time."""
         since = min(time - self._leaves[k], self._span(k))
-        begin, push = self._speeds[k], (self._speeds[k + 1] - self._speeds[k]) / self._span(k)
+        begin, acceleration = self._speeds[k], (self._speeds[k + 1] - self._speeds[k]) / self._span(k)
         later = time - self._leaves[k] - since
-        area = since * (self._edges[k] + since * (begin / 2 + since * push / 6))
-        return self._edges[k] + since * (begin + since * push / 2), area + later * self._edges[k + 1]
+        area = since * (self._edges[k] + since * (begin / 2 + since * acceleration / 6))
+        return self._edges[k] + since * (begin + since * acceleration / 2), area + later * self._edges[k + 1]
 
     def _at(self, time: float) -> tuple[float, float]:
         """Return σ and ∫σ at a time. The plan rests before its start and after its end."""

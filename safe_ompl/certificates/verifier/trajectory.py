@@ -41,8 +41,8 @@ def check_trajectory(
     if abs(takes - claim.duration) > _STOP_ROUNDING * takes:
         raise CertificateError(f"trajectory: it takes {takes:.6f} s, {claim.duration} s are claimed")
     sizes, squares = np.diff(law.edges), np.column_stack([law.squares[:-1], law.squares[1:]])
-    pushes = np.column_stack([law.pushes] * 2)
-    failure = law.exceeded(claim, squares, pushes)
+    path_accelerations = np.column_stack([law.path_accelerations] * 2)
+    failure = law.exceeded(claim, squares, path_accelerations)
     if failure is not None:
         raise CertificateError(f"trajectory: {failure}")
     budget.where = "the speeds of its trajectory"
@@ -64,8 +64,8 @@ def check_trajectory(
     fastest, latest = visits_of_stops(law, stops.brakes)
     still = np.zeros(len(sizes))
     squares = np.column_stack([squares, still, still, fastest, fastest])
-    pushes = np.column_stack([pushes, still, -stops.brakes, still, -stops.brakes])
-    failure = law.exceeded(claim, squares, pushes)
+    path_accelerations = np.column_stack([path_accelerations, still, -stops.brakes, still, -stops.brakes])
+    failure = law.exceeded(claim, squares, path_accelerations)
     if failure is not None:
         raise CertificateError(f"trajectory: in a stop {failure}")
     return RequiredFromPeople(law, scene, stops, latest + law.window)

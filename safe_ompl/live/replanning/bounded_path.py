@@ -73,7 +73,7 @@ _DERIVED = ("joint velocity", "blends beside people", *CONTACT_RULES)
 _NO_CONTACT: FloatArray = np.zeros((0, 0, 0))
 _NOWHERE: FloatArray = np.zeros((0, 0))
 # Share of the jerk that q‴ṡ³ may take.
-BENDS = 0.3
+REPLANNED_CURVE_JERK_SHARE = 0.3
 # Averages over windows of at least this length are not affected by rounding.
 _LEAST_CELL_TIME = 1e-4  # [s]
 
@@ -225,7 +225,7 @@ def averaging_window(limits: RateLimits) -> float:
     """
     if limits.jerk is None:
         return 0.0
-    of_plan = BRAKING * (1 - BENDS) * limits.jerk
+    of_plan = BRAKING * (1 - REPLANNED_CURVE_JERK_SHARE) * limits.jerk
     windows = np.minimum(np.sqrt(limits.velocity / of_plan), limits.acceleration / of_plan)
     return max(float(windows.max()), _LEAST_CELL_TIME)
 
@@ -346,7 +346,9 @@ class BoundedPath:
         frames = bodies.frames(curve.at(cells.centres), travel)
         smooth = None
         if joints.jerk is not None:
-            smooth = SmoothLimits.of(cells, joints, speeds, averaging_window(joints), stops=True, share=BENDS)
+            smooth = SmoothLimits.of(
+                cells, joints, speeds, averaging_window(joints), stops=True, share=REPLANNED_CURVE_JERK_SHARE
+            )
             speeds = smooth.cone(smooth.velocity_limit)
         brakes = _brakes(cells, joints, speeds, smooth)
         return cls(bodies, curve, limits, cells, speeds * speeds, brakes, frames, smooth)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, finite_array, number, polynomials
-from safe_ompl.live.replanning.bounded_path import BENDS, averaging_window
+from safe_ompl.live.replanning.bounded_path import REPLANNED_CURVE_JERK_SHARE, averaging_window
 from safe_ompl.motions import BRAKING, Cells, Motion, RateLimits, State, bending_velocity_limit
 from safe_ompl.robot import Robot
 
@@ -92,7 +92,9 @@ def least_brake(limits: RateLimits) -> float:
         return least
     # Of what plans may brake with (`SmoothLimits`), where joints are as fast as they may be.
     bends = 3 * BRAKING * limits.acceleration
-    of_plan = BRAKING * (1 - BENDS) * limits.jerk / (limits.velocity / averaging_window(limits) + bends)
+    of_plan = (
+        BRAKING * (1 - REPLANNED_CURVE_JERK_SHARE) * limits.jerk / (limits.velocity / averaging_window(limits) + bends)
+    )
     return min(least, float(of_plan.min()))
 
 

@@ -113,7 +113,7 @@ class Execution:
         if strange:
             raise GoalError(Code.INVALID_JOINTS, f"{strange[0]!r} is not one of {robot.joint_names}", "joint_names")
         if not points or not all(len(point.positions) for point in points):
-            raise GoalError(Code.INVALID_GOAL, "must have positions in every point, and one point at least", "points")
+            raise GoalError(Code.INVALID_GOAL, "must have at least one point, and positions in every point", "points")
         times = [seconds(point.time_from_start) for point in points]
         if times[0] < 0 or (np.diff(times) <= 0).any():
             raise GoalError(Code.INVALID_GOAL, f"must increase from 0 on, got {times}", "time_from_start")

@@ -282,7 +282,7 @@ cdef class PricedPath:
         cdef double[:, ::1] rows = np.array(path, dtype=np.float64, order="C")
         cdef Py_ssize_t N = rows.shape[0], n = rows.shape[1], B = 2 * N - 2
         if N < 2 or n < 1 or m < 1:
-            raise InputError(f"a path needs two way points of one joint at least, got {N} of {n}")
+            raise InputError(f"a path needs at least two way points and one joint, got {N} of {n}")
         cdef double[:, ::1] gradient = np.zeros((N, n))
         cdef double[::1] danger = np.zeros(B)
         cdef double[:, ::1] slopes = np.zeros((B, m))
@@ -332,7 +332,7 @@ cdef class Densities:
     cdef int check(self, Py_ssize_t n, Py_ssize_t rows) except -1:
         """Raise InputError if configurations (rows, n) are of other joints, or fewer than those with near pairs."""
         if n != self.terms.n or rows < self._rows:
-            raise InputError(f"costs are of {self.terms.n} joints at {self._rows} places at least, got {n} at {rows}")
+            raise InputError(f"costs are of {self.terms.n} joints at {self._rows} or more places, got {n} at {rows}")
         return 0
 
     cdef void add_near(

@@ -253,8 +253,8 @@ def test_when_it_begins(drive, there):
         ({"end": tolerances(panda_joint1={"acceleration": 1.0})}, Code.INVALID_GOAL, "that is not measured"),
         ({"times": [0.0, 0.0]}, Code.INVALID_GOAL, "time_from_start: must increase from 0 on"),
         ({"rows": [[START, [np.nan] * 7]]}, Code.INVALID_GOAL, "must be finite"),
-        ({"rows": [[[], []]]}, Code.INVALID_GOAL, "points: must have positions"),
-        ({"times": [], "rows": [[]]}, Code.INVALID_GOAL, "points: must have positions"),
+        ({"rows": [[[], []]]}, Code.INVALID_GOAL, "points: must have at least one point, and positions"),
+        ({"times": [], "rows": [[]]}, Code.INVALID_GOAL, "points: must have at least one point, and positions"),
     ],
 )
 def test_goals_that_cannot_be_taken(cell, changes, code, said):
