@@ -103,7 +103,7 @@ def repairs(paths: dict[str, tuple[list[Run], list[Run]]]) -> Table:
             *(sum(new["how"] == how for new in good) for how in ("moved", "planned")),
             sum(new["touching"] for _, new in both if new["solved"]),
         )
-        numbers = ([1e3 * new["proof"] for _, new in both], [1e3 * new["repair"] for new in good])
+        numbers = ([1e3 * new["proof"] for _, new in both if new["proven"]], [1e3 * new["repair"] for new in good])
         numbers += tuple([new[key] for new in good] for key in ("deviation", "tool_deviation"))
         rows.append((system, *counts, *(_cell(found, True) for found in numbers)))
     header = ("system", "proven where the judge finds nothing", "repaired where it does", "repaired in all")

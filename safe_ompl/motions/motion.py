@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import factorial, perm
 from typing import Any
@@ -216,10 +215,17 @@ class Motion:
                 "say so (degrees=True, --degrees)",
                 "motion",
             )
-        if found.joint_names != robot.joint_names:
-            # Only the names change, so nothing is validated again.
-            found = copy(found)
-            object.__setattr__(found, "joint_names", robot.joint_names)
+        return found if found.joint_names == robot.joint_names else found.derived(joint_names=robot.joint_names)
+
+    def derived(self, **changed: Any) -> Motion:
+        """Return a copy with other values of some fields, which are valid by construction and not validated."""
+        found = object.__new__(type(self))
+        for field in fields(self):
+            value = changed.get(field.name, getattr(self, field.name))
+            if isinstance(value, np.ndarray):
+                _freeze(found, field.name, value)
+            else:
+                object.__setattr__(found, field.name, value)
         return found
 
     def cut(self, cuts: Mapping[int, FloatArray]) -> Motion:
@@ -243,7 +249,8 @@ class Motion:
         rounding = (rounding + 4 * (self.degree + 1) * polynomials.EPS * size)[of]
         slack = None if self.slack is None else self.slack[of]
         corners = tuple(np.searchsorted(of, self.corners).tolist())
-        return replace(self, times=times, coefficients=coefficients, slack=slack, rounding=rounding, corners=corners)
+        changed = {"slack": slack, "rounding": rounding, "corners": corners}
+        return self.derived(times=times, coefficients=coefficients, **changed)
 
     def part(self, first: float, last: float) -> Motion:
         """Return the part between two parameter values first < last. The parameter of the part begins at 0."""

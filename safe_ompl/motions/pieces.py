@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.collision import MotionProver, MotionVerdict, ToolLimit, ToolOrientation, Verdict
-from safe_ompl.common import FloatArray, polynomials
+from safe_ompl.common import FloatArray, IntArray, polynomials
 from safe_ompl.danger import DangerLimit
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.rates import Violation
@@ -21,6 +21,8 @@ _OUT_OF_TIME = "out of time"
 _LEAST_REPORTED_SHARE = 2.0**-7
 # A smaller required distance only covers rounding, and is not called a clearance.
 _LEAST_CLEARANCE = 1e-6  # [m]
+# Where no proof succeeds, some pair is nearer than this beyond the distance that it must keep.
+_NEAR = 1e-3  # [m]
 
 
 class PieceProof(NamedTuple):
@@ -95,18 +97,20 @@ class PieceProof(NamedTuple):
                 if isinstance(limit, ToolLimit):
                     return {"kind": name, "value": limit.excess(q), "unit": "m outside"}
                 return {"kind": name}
-        # The pairs that may touch come first among the required ones.
-        distances = checker.pair_distances(q)
-        if not len(distances):
+        required = self.proof.required
+        pairs, distances = required.pairs.near(q[None], float(required.least.max(initial=0.0)) + _NEAR)[:, 1:3].T
+        if not len(pairs):
             return {}
-        needed = self.proof.required.least[: len(distances)]
-        worst = int((distances - needed).argmin())
-        distance, least = float(distances[worst]), float(needed[worst])
-        given = {"names": checker.pair_names[worst], "value": distance}
+        missing = required.least[pairs.astype(np.intp)] - distances
+        worst = int(pairs[missing.argmax()])
+        distance, least = float(distances[missing.argmax()]), float(required.least[worst])
+        given = {"names": required.pairs.names[worst], "value": distance}
         if distance <= 0.0 or least <= _LEAST_CLEARANCE:
             return given
         # The distances added by the tube and the allowance of the piece are not a limit set by the user.
-        asked = float(replace(self.proof.separation, tube=()).required(checker).least[worst])
+        wanted = replace(self.proof.separation, tube=()).required(checker)
+        same = (wanted.pairs.bodies == required.pairs.bodies[worst]).all(axis=1)
+        asked = float(wanted.least[same].max(initial=0.0))
         return {**given, "kind": "clearance", "limit": asked or None, "nearer": least - asked}
 
 
@@ -137,6 +141,14 @@ class PieceProofs:
         begin, end = self.motion.times[k : k + 2].tolist()
         prover = self._provers[k] if len(self._provers) > 1 else self._provers[0]
         return PieceProof(k, self.motion.coefficients[k], (begin, end), prover)
+
+    def by_prover(self, numbers: IntArray) -> Iterator[tuple[MotionProver, IntArray]]:
+        """Yield provers with the indices of those among the numbers (M,) of pieces that they prove."""
+        if len(self._provers) == 1:
+            yield self._provers[0], np.arange(len(numbers))
+            return
+        for prover in dict.fromkeys(self._provers[k] for k in numbers.tolist()):
+            yield prover, np.flatnonzero([self._provers[k] is prover for k in numbers.tolist()])
 
     def undecided(self, numbers: Sequence[int] | None = None) -> list[int]:
         """Return which of some pieces, by default of all, distance bounds do not prove, in one pass."""

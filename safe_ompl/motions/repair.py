@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
@@ -130,8 +131,8 @@ def repair_with(
     if not displacement.bad:
         check = check_of(displacement.given, [], proof, limits, people)
         return _slowed(Repair(motion, check, "unchanged"), proven)
-    for name, q in (("start", motion.knots[0]), ("end", motion.knots[-1])):
-        if proof.check(q, q).verdict is not Verdict.FREE:
+    for name, piece, q in (("start", 0, motion.knots[0]), ("end", motion.pieces - 1, motion.knots[-1])):
+        if piece in displacement.bad and proof.check(q, q).verdict is not Verdict.FREE:
             return Repair(motion, proven(motion), f"its {name} cannot be proven, and ends are kept")
     result = displacement.moved()
     if result is None and connect is not None:
@@ -196,7 +197,8 @@ class Displacement:
         near = {k + side for k in self.bad for side in (-1, 0, 1)} & set(range(motion.pieces))
         for span, attempts in _SPANS:
             divided, of = _divided(motion, near, span)
-            found = self._proven_near(divided, attempts, set(np.flatnonzero(np.isin(of, self.bad)).tolist()))
+            waiting = {part for part, k in enumerate(of.tolist()) if k in self.bad}
+            found = self._proven_near(divided, attempts, waiting)
             if found is not None:
                 return found
         return None
@@ -249,10 +251,10 @@ class Displacement:
                 asked |= dict.fromkeys((k, u) for u in (*_GRADIENT_PLACES, 0.5 if witness is None else witness))
             values = _values(basis, list(asked))
             of, slopes, missing = self._missing(pieces, list(asked), spare * values.sum(axis=1))
-            lacking = set(of[missing > 0].tolist())
-            kept = [row for row, place in enumerate(asked) if place in places or row in lacking]
-            places = dict.fromkeys(place for row, place in enumerate(asked) if row in set(kept))
-            chosen = np.isin(of, kept) & (values[of] != 0.0).any(axis=1)
+            kept = np.array([place in places for place in asked])
+            kept[of[missing > 0]] = True
+            places = dict.fromkeys(compress(asked, kept))
+            chosen = kept[of] & (values[of] != 0.0).any(axis=1)
             of, slopes, missing = of[chosen], slopes[chosen], missing[chosen]
             rows = values[of]
             kept_moves = np.clip(_KEPT_SHARE * (attempt - _ATTEMPTS), 0.0, _MOST_KEPT_SHARE) * moves
@@ -273,35 +275,35 @@ class Displacement:
     def _missing(self, pieces: PieceProofs, places: list[tuple[int, float]], spare: FloatArray) -> Shortfalls:
         """Return the shortfalls of distances, including those to joint limits, at (piece, fraction) points."""
         robot = self._proof.checker.robot
-        Q = np.array([pieces[k].place(u) for k, u in places])
+        numbers, u = (np.array(column) for column in zip(*places, strict=True))
+        Q = polynomials.values(pieces.motion.coefficients[numbers], u[:, None])
         found = []
         for sign, bound in ((1.0, robot.lower), (-1.0, robot.upper)):
             inside = np.where(robot.continuous, np.inf, sign * (Q - bound))
             of, joints = np.nonzero(inside < _LIMIT_MARGIN)
             room = inside[of, joints]
             found.append((of, sign * np.eye(robot.n)[joints], np.where(room < 0, _LIMIT_MARGIN - room, 0.0)))
-        proofs = {id(pieces[k].proof): pieces[k].proof for k, _ in places}
-        for number, proof in proofs.items():
-            rows = np.array([row for row, (k, _) in enumerate(places) if id(pieces[k].proof) == number])
-            of, slopes, missing = self._too_near(Q[rows], proof, spare[rows])
+        for proof, rows in pieces.by_prover(numbers):
+            of, slopes, missing = _too_near(Q[rows], proof, spare[rows])
             found.append((rows[of], slopes, missing))
         of, slopes, missing = map(np.concatenate, zip(*found, strict=True))
         return of, slopes, missing
 
-    def _too_near(self, Q: FloatArray, proof: MotionProver, spare: FloatArray) -> Shortfalls:
-        """Return the shortfalls of distances at `Q: (B, n)`.
 
-        They are negative for distances that may become too small.
-        """
-        required = proof.required
-        near = required.least + spare[:, None] + _CONSTRAINT_BAND
-        table = required.pairs.near(Q, float(near.max(initial=0.0)))
-        rows, pairs = table[:, :2].T.astype(np.intp)
-        table = table[table[:, 2] < near[rows, pairs]]
-        rows, pairs = table[:, :2].T.astype(np.intp)
-        slopes = required.pairs.gradients(Q, table)
-        moving = slopes.any(axis=1)
-        return rows[moving], slopes[moving], (near[rows, pairs] - _CONSTRAINT_BAND - table[:, 2])[moving]
+def _too_near(Q: FloatArray, proof: MotionProver, spare: FloatArray) -> Shortfalls:
+    """Return the shortfalls of distances at `Q: (B, n)`.
+
+    They are negative for distances that may become too small.
+    """
+    required = proof.required
+    near = required.least + spare[:, None] + _CONSTRAINT_BAND
+    table = required.pairs.near(Q, float(near.max(initial=0.0)))
+    rows, pairs = table[:, :2].T.astype(np.intp)
+    table = table[table[:, 2] < near[rows, pairs]]
+    rows, pairs = table[:, :2].T.astype(np.intp)
+    slopes = required.pairs.gradients(Q, table)
+    moving = slopes.any(axis=1)
+    return rows[moving], slopes[moving], (near[rows, pairs] - _CONSTRAINT_BAND - table[:, 2])[moving]
 
 
 # ------------------------------------------------------------------------------------------------------ B-splines
@@ -362,9 +364,8 @@ def _moved(motion: Motion, basis: FloatArray, moves: FloatArray) -> Motion:
     change = np.tensordot(basis, moves, axes=1)
     change[np.abs(change).max(axis=(1, 2)) <= _NEGLIGIBLE_MOVE] = 0.0
     size = np.abs(motion.coefficients).sum(axis=1) + np.abs(change).sum(axis=1)
-    rounding = np.zeros_like(size) if motion.rounding is None else motion.rounding
-    rounding = rounding + 8 * polynomials.EPS * size
-    return replace(motion, coefficients=motion.coefficients + change, rounding=rounding)
+    rounding = (0.0 if motion.rounding is None else motion.rounding) + 8 * polynomials.EPS * size
+    return motion.derived(coefficients=motion.coefficients + change, rounding=rounding)
 
 
 def _following(motion: Motion, path: FloatArray, first: int, last: int) -> Motion | None:
@@ -410,7 +411,7 @@ def _least_moves(rows: FloatArray, slopes: FloatArray, wanted: FloatArray) -> Fl
     whose multiplier would become negative.
     """
     products = (rows @ rows.T) * (slopes @ slopes.T)
-    products[np.diag_indices_from(products)] *= 1.0 + _REGULARISATION
+    products.flat[:: len(products) + 1] *= 1.0 + _REGULARISATION
     weights, active = np.zeros(len(wanted)), np.zeros(len(wanted), dtype=bool)
     for _ in range(_MOST_ACTIVE_SET_ROUNDS):
         violated = np.where(active, 0.0, wanted - products[:, active] @ weights[active])

@@ -12,7 +12,7 @@ from protocol import Waypoints, serve
 from safe_ompl_ import scene_of
 
 from safe_ompl import CollisionChecker, Motion, MotionProver, Robot, SafeSetup
-from safe_ompl.motions import check_with, repair_with
+from safe_ompl.motions import repair_with
 
 
 class Repair:
@@ -33,11 +33,11 @@ class Repair:
 
     def smooth(self, path: Waypoints) -> Waypoints:
         motion, begin = Motion.through(np.array(path)), process_time()
-        proven = bool(check_with(motion, self._proof))
-        self.remarks = {"proven": proven, "proof": process_time() - begin}
+        found = repair_with(motion, self._proof, connect=self._connect)
+        proven = found.how == "unchanged"
+        self.remarks = {"proven": proven, "proof": process_time() - begin if proven else None}
         if proven:
             return path
-        found = repair_with(motion, self._proof, connect=self._connect)
         self.remarks |= {"how": found.how, "repaired": bool(found), "deviation": found.deviation}
         self.remarks["tool_deviation"] = found.tool_deviation
         return found.motion.knots.tolist()
