@@ -1,31 +1,114 @@
-"""Whoever plans keeps what a setup demands of whole paths, and paths without the demand do not keep it."""
+"""Whoever plans keeps what is demanded of whole paths; limits of the tool also in scenarios and commands."""
 
+import dataclasses
+import json
 from itertools import product
+from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from ball import densely
 
-from safe_ompl import CollisionChecker, Cylinder, Obstacle, Pose, SafeSetup, Scene
+from safe_ompl import (
+    CollisionChecker,
+    CollisionError,
+    Cylinder,
+    InputError,
+    Obstacle,
+    Pose,
+    SafeSetup,
+    TipBounds,
+    ToolOrientation,
+)
+from safe_ompl.apps import main
+from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import needs_place
-from safe_ompl.robot import inverse_kinematics
+from safe_ompl.robot import GoalRegion, RobotSpec, inverse_kinematics
+from safe_ompl.scene import Goal, Scenario, Scene, ToolConstraint
+from safe_ompl.scene.constraints import PathLimits, TipBox
 
 DOWN = np.diag([1.0, -1.0, -1.0])
-SIDES = ([0.4, 0.4, 0.4], [0.4, -0.4, 0.4])  # of the pillar
+LIMIT = np.radians(30.0)
 LEAST, MOST = np.array([-1.0, -1.0, 0.3]), np.array([1.0, 1.0, 0.55])
 TUBE = 0.05  # [rad]
+SIDES = ([0.4, 0.4, 0.4], [0.4, -0.4, 0.4])  # of the pillar
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return Scene([Obstacle("pillar", Cylinder(0.08, 1.4), Pose([0.5, 0, 0.7]), weight=1.0)], spacing=0.1)
+
+
+@pytest.fixture(scope="module")
+def ends(ur5, scene):
+    """Return a start and a goal with a cup upright in the hand."""
+    checker = CollisionChecker(ur5, scene)
+    options = {"valid": lambda q: not checker.in_collision(q)}
+    start = inverse_kinematics(ur5, SIDES[0], DOWN, **options)
+    return start, inverse_kinematics(ur5, SIDES[1], DOWN, near=start, **options)
 
 
 @pytest.fixture
-def setup(ur5):
-    """Return a setup of a UR5 that carries a cup from one side of a pillar to the other."""
-    scene = Scene([Obstacle("pillar", Cylinder(0.08, 1.4), Pose([0.5, 0, 0.7]), weight=1.0)], spacing=0.1)
-    checker = CollisionChecker(ur5, scene)
-    start = inverse_kinematics(ur5, SIDES[0], DOWN, valid=lambda q: not checker.in_collision(q))
-    goal = inverse_kinematics(ur5, SIDES[1], DOWN, valid=lambda q: not checker.in_collision(q), near=start)
+def setup(ur5, scene, ends):
     setup = SafeSetup(ur5, scene)
-    setup.setConfigurations(start, goal)
+    setup.setConfigurations(*ends)
     return setup
+
+
+def tool_limit(setup, kind):
+    return setup.getConstraints().tool_limit(kind)
+
+
+def tilts(setup, Q):
+    """Return how far [rad] what points up at the start leans from that at some configurations."""
+    cup = setup.robot.tip_pose(setup.query.start).rotation.T @ [0.0, 0.0, 1.0]
+    return np.array([np.arccos(min(1.0, (setup.robot.tip_pose(q).rotation @ cup)[2])) for q in Q])
+
+
+def test_simplification_keeps_the_cup_upright_and_other_paths_are_refused(setup):
+    spilling = setup.plan(seed=1, time=8.0).path
+    assert tilts(setup, densely(setup.robot, spilling)).max() > LIMIT
+    assert setup.is_free(spilling)
+    setup.setToolConstraint(angle=LIMIT)
+    refused = setup.is_free(spilling)
+    assert not refused
+    assert "'tool orientation' and 'its limit'" in refused.why
+    result = setup.plan(seed=1, time=8.0, simplify=True)
+    assert not np.array_equal(result.path, result.planned_path)
+    assert tilts(setup, densely(setup.robot, result.path)).max() <= LIMIT
+    setup.setToolConstraint()
+    assert tool_limit(setup, ToolOrientation) is None
+    assert setup.is_free(spilling)
+
+
+def test_states_and_regions_know_of_it(ur5, scene, ends):
+    setup = SafeSetup(ur5, scene)
+    setup.setStartConfiguration(ends[0])
+    setup.setToolConstraint(angle=LIMIT)
+    turned = {"roll": (np.pi - 1.0, np.pi + 1.0), "pitch": (-1.0, 1.0)}  # many of these spill
+    setup.setGoalRegion(GoalRegion(Pose(SIDES[1]), x=(-0.05, 0.05), y=(-0.05, 0.05), **turned))
+    result = setup.plan(seed=1, time=8.0)
+    assert result
+    assert tool_limit(setup, ToolOrientation).allows(result.path[-1])
+    assert setup.getGoal().solutions.shape[0] >= 1
+    assert all(tool_limit(setup, ToolOrientation).allows(q) for q in setup.getGoal().solutions)
+
+
+def test_a_goal_that_spills_and_an_axis_without_a_start(setup, ends, ur5, scene):
+    setup.setTipBounds(LEAST, MOST)
+    np.testing.assert_array_equal(tool_limit(setup, TipBounds).upper, MOST)
+    setup.setTipBounds(None)
+    assert tool_limit(setup, TipBounds) is None
+    setup.setToolConstraint(angle=LIMIT)
+    tilted = inverse_kinematics(setup.robot, SIDES[1], pin.rpy.rpyToMatrix(0.6, 0, 0) @ DOWN)
+    with pytest.raises(CollisionError, match=r"goal: the tool is 34\.38° from its direction, 30° are allowed"):
+        setup.setConfigurations(ends[0], tilted)
+    with pytest.raises(InputError, match="set a start before, or give the axis"):
+        SafeSetup(ur5, scene).setToolConstraint(angle=LIMIT)
+
+
+# -------------------------------------------------------------------------------- all limits, and all planners
 
 
 def clearance(setup, Q):
@@ -36,12 +119,6 @@ def room_in_tube(setup, Q):
     """Return −1 where a corner of the tube about some configurations touches something, otherwise 1."""
     corners = Q[::10] + TUBE * np.random.default_rng(0).choice([-1.0, 1.0], (8, len(Q[::10]), Q.shape[1]))
     return 1 - 2 * any(setup.checker.in_collision(q) for q in corners.reshape(-1, Q.shape[1]))
-
-
-def upright(setup, Q):
-    """Return the cosine of the angle by which what points up at the start leans at most."""
-    cup = setup.robot.tip_pose(setup.query.start).rotation.T @ [0.0, 0.0, 1.0]
-    return min((setup.robot.tip_pose(q).rotation @ cup)[2] for q in Q)
 
 
 def room_in_box(setup, Q):
@@ -57,7 +134,7 @@ KEPT = {  # how it is demanded, and what is left of it on a path; less than noth
         lambda setup, Q: clearance(setup, Q) - 0.08,
     ),
     "tube": (lambda setup: setup.setTube(TUBE), room_in_tube),
-    "upright tool": (lambda setup: setup.setToolConstraint(angle=np.pi / 6), lambda *path: upright(*path) - 0.75**0.5),
+    "upright tool": (lambda setup: setup.setToolConstraint(angle=LIMIT), lambda *path: LIMIT - tilts(*path).max()),
     "box of the tip": (lambda setup: setup.setTipBounds(LEAST, MOST), room_in_box),
     "the user's checker": (
         lambda setup: setup.setStateValidityChecker(lambda state: bool(state[1] > -0.6)),
@@ -87,3 +164,39 @@ def test_whoever_plans_keeps_what_is_demanded(setup, kind, planner):
 def test_paths_without_the_demand_do_not_keep_it(setup, kind):
     paths = (setup.plan("ClassicRRTConnect", seed=seed).path for seed in range(6))
     assert any(KEPT[kind][1](setup, densely(setup.robot, path)) < 0.0 for path in paths)
+
+
+# ----------------------------------------------------------------------------------- scenarios and command line
+
+
+@pytest.fixture
+def scenario(scene, ends):
+    start, goal = (tuple(q.tolist()) for q in ends)
+    return Scenario("cup", RobotSpec("ur5"), scene, start, Goal((goal,)))
+
+
+def test_scenarios_keep_tools_upright_and_have_regions(scenario, tmp_path):
+    limits = PathLimits(tool=ToolConstraint(LIMIT, (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)), tip=TipBox(z=(0.2, 0.9)))
+    region = GoalRegion(Pose(SIDES[1]), x=(-0.05, 0.05), yaw=(0.0, 1.0))
+    for goal in (Goal(region=region), Goal(scenario.goal.configurations, region=region, tolerance=0.004)):
+        dataclasses.replace(scenario, goal=goal, limits=limits).save(tmp_path / "cup.yaml")
+        again = Scenario.load(tmp_path / "cup.yaml")
+        assert (again.goal, again.limits) == (goal, limits)
+        setup = setup_scenario(again)
+        assert tool_limit(setup, ToolOrientation).limit == LIMIT
+        assert tool_limit(setup, TipBounds).lower.tolist() == [-np.inf, -np.inf, 0.2]
+    claims = setup.plan(seed=1, time=8.0).report.validation.claims
+    assert claims == ("collision", "tool orientation", "tip position")
+
+
+def test_upright_on_the_command_line(scenario, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    scenario.save("cup.yaml")
+    assert main(["plan", "cup.yaml", "--seed", "1", "--keep-upright", "30", "--json", "result.json"]) == 0
+    result = json.loads(Path("result.json").read_text())
+    setup = setup_scenario(scenario)
+    assert tilts(setup, densely(setup.robot, np.array(result["path"]))).max() <= LIMIT
+    assert "tool orientation" in result["validation"]["claims"]
+    capfd.readouterr()
+    assert main(["plan", "cup.yaml", "--keep-upright", "270"]) == 2
+    assert "must be an angle in (0, 180] degrees, not '270'" in capfd.readouterr().err

@@ -116,6 +116,8 @@ def put_broken(setup, fuse, what):
     si = setup.getSpaceInformation()
     if what == "checker":
         setup.setStateValidityChecker(broken(CollisionFreeValidity, fuse, "isValid")(si, setup.checker))
+    elif what == "function":
+        setup.setStateValidityChecker(lambda state: fuse.burn() is None)
     elif what == "objective":
         kind = broken(DangerObjective, fuse, "stateCost", "motionCost", "values")
         setup.setOptimizationObjective(kind(si, setup.field))
@@ -128,7 +130,7 @@ def put_broken(setup, fuse, what):
 def test_an_exception_of_a_callback_arrives_unchanged(planner):
     scenario = Scenario.load("planar3")
     raised = []
-    for what in ("checker", "objective", "goal"):
+    for what in ("checker", "function", "objective", "goal"):
         setup = setup_scenario(scenario)
         if needs_place(planner):
             setup.setWorkspaceGoal(scenario.goal.position)
@@ -172,7 +174,10 @@ def ctrl_c_while_simplifying(monkeypatch):
     return said
 
 
-@pytest.mark.parametrize("options", [{"simplify": True}, {"optimise": 60.0}])
+BETTER = [{"simplify": True}, {"optimise": 60.0}, {"ways": "all"}, {"starts": 9, "simplify": True}]
+
+
+@pytest.mark.parametrize("options", BETTER, ids=lambda options: "+".join(options))
 def test_ctrl_c_leaves_the_best_path_so_far(ctrl_c_while_simplifying, options):
     setup = setup_scenario(Scenario.load("planar3"))
     before = signal.getsignal(signal.SIGINT)

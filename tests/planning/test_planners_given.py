@@ -118,16 +118,16 @@ def test_a_scenario_is_planned_by_a_function_under_all_its_limits(setup):
     assert safe_ompl.plan("planar2", planner=straight, time=20.0).certified
 
 
-@pytest.mark.parametrize(
-    ("found", "error", "message"),
-    [
-        (lambda start, goal: [start], InputError, "way points of <lambda> must be two or more, got 1"),
-        (lambda start, goal: [start[:1], goal[:1]], InputError, "way points of <lambda>: must have shape"),
-        (lambda start, goal: [start, np.full(2, np.nan), goal], InputError, "way points of <lambda>: must be finite"),
-        (lambda start, goal: [start + 0.1, goal], PlanningError, "<lambda> returned a path that begins 0.1 rad away"),
-        (lambda start, goal: [start, goal - 0.1], PlanningError, "<lambda> returned a path that ends 0.1 rad away"),
-    ],
-)
+NO_PATHS = [
+    (lambda start, goal: [start], InputError, "way points of <lambda> must be two or more, got 1"),
+    (lambda start, goal: [start[:1], goal[:1]], InputError, "way points of <lambda>: must have shape"),
+    (lambda start, goal: [start, np.full(2, np.nan), goal], InputError, "way points of <lambda>: must be finite"),
+    (lambda start, goal: [start + 0.1, goal], PlanningError, "<lambda> returned a path that begins 0.1 rad away"),
+    (lambda start, goal: [start, goal - 0.1], PlanningError, "<lambda> returned a path that ends 0.1 rad away"),
+]
+
+
+@pytest.mark.parametrize(("found", "error", "message"), NO_PATHS)
 def test_what_is_no_path_of_a_function_is_refused(setup, found, error, message):
     with pytest.raises(error, match=re.escape(message)):
         setup.plan(lambda robot, scene, start, goal: found(start, goal), time=5.0)

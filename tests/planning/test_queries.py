@@ -4,14 +4,13 @@ from itertools import count, pairwise
 
 import numpy as np
 import pytest
-from ompl import base as ob, geometric as og
+from ompl import base as ob
 
 from safe_ompl import (
     Box,
     DangerObjective,
     InputError,
     Obstacle,
-    PlanningError,
     Pose,
     SafeRRTConnect,
     SafeSetup,
@@ -141,14 +140,6 @@ def test_the_next_place_is_gone_to(name):
         np.testing.assert_allclose(setup.robot.tip_pose(path[-1]).translation, tip, atol=0.01)
 
 
-def test_the_same_query_goes_on_and_its_solution_stays():
-    setup, _ = begun("SafeRRTConnect")
-    before = {q.tobytes() for q in setup.getPlanner().plannerGraph().configurations}
-    assert setup.haveSolutionPath()
-    solved(setup, "SafeRRTConnect")
-    assert before <= {q.tobytes() for q in setup.getPlanner().plannerGraph().configurations}
-
-
 def test_in_ompls_words_start_and_goal_are_those_that_are_checked_and_looked_at():
     setup, start = build()
     setup.setWorkspaceGoal(setup.robot.tip_pose(start + MOTION).translation)
@@ -217,39 +208,6 @@ def test_a_planner_that_was_set_aside_comes_back_without_what_it_had_built(name)
     assert not setup.is_free(path)
     setup.setPlanner(aside)
     assert setup.is_free(solved(setup, name))
-
-
-# ------------------------------------------------------------------------------------------- planners that are wrong
-
-
-class Stubborn(ob.Planner):
-    """Returns the same path, whatever it is asked."""
-
-    def __init__(self, si, path, setup):
-        super().__init__(si, "Stubborn")
-        self.path = path
-
-    def solve(self, ptc):
-        self.getProblemDefinition().addSolutionPath(self.path, False, 0.0, "Stubborn")
-        return ob.PlannerStatus(ob.PlannerStatus.EXACT_SOLUTION)
-
-
-def test_a_path_to_another_goal_does_not_leave_the_setup():
-    setup, start = build()
-    path = og.PathGeometric(setup.getSpaceInformation())
-    for q in (start, start + MOTION):
-        path.append(state(setup, q))
-    setup.setPlanner(Stubborn(setup.getSpaceInformation(), path, setup))
-    assert setup.solve(1.0)
-    setup.setConfigurations(start, start + OTHER_MOTION)
-    with pytest.raises(PlanningError, match="Stubborn returned a path that ends"):
-        setup.solve(1.0)
-    assert not setup.haveSolutionPath()
-    setup.setConfigurations(start + OTHER_START, start + MOTION)
-    with pytest.raises(PlanningError, match="Stubborn returned a path that begins"):
-        setup.solve(1.0)
-    setup.getProblemDefinition().addSolutionPath(path, False, 0.0, "nobody")
-    assert not setup.haveSolutionPath(), "nor is it taken from elsewhere"
 
 
 # ------------------------------------------------------------------------------------- objectives that are no number

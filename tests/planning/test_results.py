@@ -28,14 +28,12 @@ class Fixed(ob.Planner):
 
     def __init__(self, setup, path, approximate=False):
         super().__init__(setup.getSpaceInformation(), "Fixed")
-        self._scratch = ScratchState(StateBridge(setup.getStateSpace()))
-        self._points, self._approximate = np.array(path), approximate
+        self.path, self._approximate = og.PathGeometric(self.getSpaceInformation()), approximate
+        for q in path:
+            self.path.append(ScratchState(StateBridge(setup.getStateSpace())).set(q))
 
     def solve(self, ptc):
-        solution = og.PathGeometric(self.getSpaceInformation())
-        for q in self._points:
-            solution.append(self._scratch.set(q))
-        self.getProblemDefinition().addSolutionPath(solution, self._approximate, 0.1, self.getName())
+        self.getProblemDefinition().addSolutionPath(self.path, self._approximate, 0.1, self.getName())
         outcome = ob.PlannerStatus.APPROXIMATE_SOLUTION if self._approximate else ob.PlannerStatus.EXACT_SOLUTION
         return ob.PlannerStatus(outcome)
 
@@ -49,6 +47,8 @@ def test_an_approximate_solution_is_none(setup):
         result = setup.plan(Fixed(setup, short, approximate=True), **options)
         assert (bool(result), result.status) == (False, "Approximate solution")
         assert (result.path, result.report, result.certified) == (None, None, False)
+        assert [result.as_dict()[key] for key in ("solved", "path", "certified")] == [False, None, False]
+        assert setup.haveSolutionPath()
         np.testing.assert_array_equal(setup.solution(), short)
     setup.simplifySolution(0.1)
     assert not setup.haveExactSolutionPath()
@@ -68,6 +68,25 @@ def test_a_path_is_from_a_start_to_the_goal(setup):
     setup.setWorkspaceGoal(setup.robot.tip_pose(START + ASIDE).translation + np.array([0.0, 0.0, 0.03]))
     with pytest.raises(PlanningError, match=r"ends 0\.03 m away from the goal"):
         setup.plan(Fixed(setup, [START, START + ASIDE]))
+
+
+def test_a_path_of_another_query_does_not_leave_the_setup(setup):
+    planner, other = Fixed(setup, [START, START + ASIDE]), START + 2 * ASIDE
+    setup.setConfigurations(START, START + ASIDE)
+    setup.setPlanner(planner)
+    assert setup.solve(1.0)
+    near = START + 1e-4 * ASIDE
+    for start, goal, word in (
+        (START, other, "ends"),
+        (other, START + ASIDE, "begins"),
+        (near, START + ASIDE, "begins"),
+    ):
+        setup.setConfigurations(start, goal)
+        with pytest.raises(PlanningError, match=f"Fixed returned a path that {word}"):
+            setup.solve(1.0)
+        assert not setup.haveSolutionPath()
+    setup.getProblemDefinition().addSolutionPath(planner.path, False, 0.0, "nobody")
+    assert not setup.haveSolutionPath(), "nor is it taken from elsewhere"
 
 
 # -------------------------------------------------------------------------------------------------- what is said

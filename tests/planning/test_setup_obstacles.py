@@ -115,15 +115,15 @@ def test_a_distance_from_what_is_dangerous_is_kept_from_whoever_comes(setup):
     assert (kept[3].obstacles, kept[3].distance) == (("ball",), 0.03)
 
 
-@pytest.mark.parametrize(
-    ("call", "arguments", "error", "message"),
-    [
-        ("removeObstacle", ("table",), UnknownNameError, "table"),  # the limit is about it
-        ("moveObstacle", ("tble", Pose()), UnknownNameError, "tble"),
-        ("addObstacle", (Obstacle("table", Sphere(0.1)),), InputError, "already"),
-        ("setScene", (None,), InputError, "must be a Scene"),
-    ],
-)
+MISTAKES = [
+    ("removeObstacle", ("table",), UnknownNameError, "table"),  # the limit is about it
+    ("moveObstacle", ("tble", Pose()), UnknownNameError, "tble"),
+    ("addObstacle", (Obstacle("table", Sphere(0.1)),), InputError, "already"),
+    ("setScene", (None,), InputError, "must be a Scene"),
+]
+
+
+@pytest.mark.parametrize(("call", "arguments", "error", "message"), MISTAKES)
 def test_mistakes_change_nothing(setup, call, arguments, error, message):
     setup.setMinClearance(0.03, ["table"])
     scene, checker = setup.scene, setup.checker

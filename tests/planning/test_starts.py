@@ -8,7 +8,7 @@ import pytest
 from ompl import base as ob
 
 import safe_ompl
-from safe_ompl import InputError, PlanningError, SafeRRTConnect, Scenario, Simplifier
+from safe_ompl import InputError, PlanningError, SafeRRTConnect, Scenario
 from safe_ompl.common import in_order
 from safe_ompl.planning import setup_scenario
 
@@ -96,25 +96,6 @@ def test_ctrl_c_leaves_the_best_so_far(setup, monkeypatch, workers, done):
         return
     result = setup.plan(seed=1, starts=9, workers=workers)
     assert (result.interrupted, result.certified, result.seed) == (True, True, 1)
-
-
-def test_ctrl_c_while_a_start_is_simplified_keeps_it_and_begins_no_other(setup, monkeypatch):
-    simplify, begun = Simplifier.simplify, []
-
-    def pressed(self, path, stop, **options):
-        begun.append(path)
-
-        def pressed_once():
-            if len(begun) == 2:
-                begun.append(None)
-                signal.raise_signal(signal.SIGINT)
-            return stop()
-
-        return simplify(self, path, pressed_once, **options)
-
-    monkeypatch.setattr(Simplifier, "simplify", pressed)
-    result = setup.plan(seed=1, starts=9, simplify=True, time=60.0)
-    assert (result.interrupted, result.certified, len(begun)) == (True, True, 3)
 
 
 def test_what_goes_wrong_in_a_start_is_said(setup, monkeypatch):

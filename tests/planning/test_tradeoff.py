@@ -85,17 +85,17 @@ def test_a_time_limit_and_a_problem_without_solution(beside_a_worker):
     assert (str(front), front.weights) == ("no path", ())
 
 
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"weights": ()}, "weights"),
-        ({"weights": "10"}, "weights"),
-        ({"weights": (0, -1)}, "weight: .*-1"),
-        ({"weights": (0, np.nan)}, "weight: .*nan"),
-        ({"time": 0}, "time limit"),
-        ({"seed": -1}, "seed"),
-    ],
-)
+BAD_INPUT = [
+    ({"weights": ()}, "weights"),
+    ({"weights": "10"}, "weights"),
+    ({"weights": (0, -1)}, "weight: .*-1"),
+    ({"weights": (0, np.nan)}, "weight: .*nan"),
+    ({"time": 0}, "time limit"),
+    ({"seed": -1}, "seed"),
+]
+
+
+@pytest.mark.parametrize(("options", "named"), BAD_INPUT)
 def test_bad_input(beside_a_worker, options, named):
     with pytest.raises(InputError, match=named) as refused:
         tradeoff(beside_a_worker, **options)

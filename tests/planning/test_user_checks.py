@@ -120,32 +120,17 @@ def test_motions_are_sampled_with_both_ends(setup):
     np.testing.assert_allclose(asked, [0, 0.25, 0.5, 0.75, 1])
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((lambda state: None,), "must return a bool"),
-        ((5,), "must be an ob.StateValidityChecker or a function of a state, got 5"),
-        ((low_only, 0.0), "resolution: must be a positive distance"),
-    ],
-)
+NO_CHECKERS = [
+    ((lambda state: None,), "must return a bool"),
+    ((5,), "must be an ob.StateValidityChecker or a function of a state, got 5"),
+    ((low_only, 0.0), "resolution: must be a positive distance"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), NO_CHECKERS)
 def test_what_is_no_checker(setup, arguments, message):
     with pytest.raises(InputError, match=message):
         setup.setStateValidityChecker(*arguments)
-
-
-@pytest.mark.parametrize("planner", ["SafeRRTConnect", "RRTConnect"])
-@pytest.mark.parametrize("place", [False, True])
-def test_what_a_checker_raises_arrives(setup, planner, place):
-    def broken(state):
-        if min(abs(state[0] - START[0]), abs(state[0] - GOAL[0])) > 1e-9:
-            raise LookupError("the user's own")
-        return True
-
-    setup.setStateValidityChecker(broken)
-    if place:
-        setup.setWorkspaceGoal([0.35, -0.45, 0.35])
-    with pytest.raises(LookupError, match="the user's own"):
-        setup.plan(planner, time=2.0)
 
 
 def test_plugins_on_the_space_information_are_refused(setup):

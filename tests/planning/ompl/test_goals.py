@@ -135,16 +135,16 @@ def test_solutions_of_continuous_joints(kinova, rng):
     assert setup.getSpaceInformation().satisfiesBounds(state)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"position": [1, 2]}, "position of the tip"),
-        ({"position": [1, 2, np.inf]}, "finite"),
-        ({"rotation": 2 * np.eye(3)}, "orthonormal"),
-        ({"tolerance": 0.0}, "tolerance: must be a positive length"),
-        ({"seed": -1}, "seed: must be a whole number >= 0, got -1"),
-    ],
-)
+NO_GOALS = [
+    ({"position": [1, 2]}, "position of the tip"),
+    ({"position": [1, 2, np.inf]}, "finite"),
+    ({"rotation": 2 * np.eye(3)}, "orthonormal"),
+    ({"tolerance": 0.0}, "tolerance: must be a positive length"),
+    ({"seed": -1}, "seed: must be a whole number >= 0, got -1"),
+]
+
+
+@pytest.mark.parametrize(("options", "message"), NO_GOALS)
 def test_goals_that_make_no_sense(setup, options, message):
     with pytest.raises(InputError, match=message):
         goal_for(setup, **options)
@@ -165,15 +165,15 @@ def test_other_goals_that_make_no_sense(setup, panda):
 # ---------------------------------------------------------------------------------------------------------- planners
 
 
-@pytest.mark.parametrize(
-    ("planner", "goal"),
-    [
-        *((name, ROTATION) for name in ("KPIECE1", "SafeRRTConnect", "RRTConnect")),
-        ("RRT", None),
-        *((name, SHELF) for name in ("SafeRRTConnect", "SafeJTRRT", "SafePRM", "BubblePlanner", "RRTConnect")),
-        *((name, RING) for name in ("SafeRRTConnect", "SafeJTRRT")),
-    ],
-)
+REACHED = [
+    *((name, ROTATION) for name in ("KPIECE1", "SafeRRTConnect", "RRTConnect")),
+    ("RRT", None),
+    *((name, SHELF) for name in ("SafeRRTConnect", "SafeJTRRT", "SafePRM", "BubblePlanner", "RRTConnect")),
+    *((name, RING) for name in ("SafeRRTConnect", "SafeJTRRT")),
+]
+
+
+@pytest.mark.parametrize(("planner", "goal"), REACHED)
 def test_planners_reach_the_place_or_the_region(setup, planner, goal):
     setup.setWorkspaceGoal(POSITION, None if isinstance(goal, GoalRegion) else goal)
     if isinstance(goal, GoalRegion):

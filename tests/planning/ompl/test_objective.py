@@ -123,13 +123,13 @@ def test_no_objective_and_path_length_cost_nothing(plane, rng, length):
     assert cost.slope(plane) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [
-        *((name, {}) for name in ("ur5", "kinova", "slider")),
-        *(("ur5", options) for options in ({"weighting": "length"}, {"aggregate": "mean"}, {"aggregate": "softmax"})),
-    ],
-)
+FIELDS = [
+    *((name, {}) for name in ("ur5", "kinova", "slider")),
+    *(("ur5", options) for options in ({"weighting": "length"}, {"aggregate": "mean"}, {"aggregate": "softmax"})),
+]
+
+
+@pytest.mark.parametrize(("name", "options"), FIELDS)
 def test_no_configuration_is_less_dangerous_than_the_proven_minimum(robot_named, points, rng, name, options):
     robot = robot_named(name)
     field = DangerField(robot, points, **options)

@@ -74,14 +74,14 @@ def test_a_path_of_ompl_over_the_half_turn_goes_the_short_way(kinova):
     assert setup.report(path).length == pytest.approx(2 * np.pi - 6)
 
 
-@pytest.mark.parametrize(
-    ("value", "limits", "shown"),
-    [
-        (3.14159265359, (-3.14159265358, 3.14159265358), "3.14159265359"),
-        (3.2, (-3.14159265358, 3.14159265358), "3.2"),
-        (np.nextafter(1.0, 2.0), (-1.0, 1.0), "1.0000000000000002"),
-    ],
-)
+OUTSIDE = [
+    (3.14159265359, (-3.14159265358, 3.14159265358), "3.14159265359"),
+    (3.2, (-3.14159265358, 3.14159265358), "3.2"),
+    (np.nextafter(1.0, 2.0), (-1.0, 1.0), "1.0000000000000002"),
+]
+
+
+@pytest.mark.parametrize(("value", "limits", "shown"), OUTSIDE)
 def test_a_value_outside_is_told_from_its_limits(value, limits, shown):
     assert told_apart(value, *limits)[0] == shown
 

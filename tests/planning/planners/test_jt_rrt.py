@@ -99,16 +99,6 @@ def test_with_nothing_in_the_way_the_tip_goes_straight(panda, far_ball):
     assert result.counts.nodes == len(path) - 1
 
 
-def test_another_place_is_reached_with_the_same_tree(setup, ur5):
-    planner = make_planner("SafeJTRRT", setup.getSpaceInformation())
-    setup.setPlanner(planner)
-    assert setup.solve(10.0).asString() == "Exact solution"
-    setup.getProblemDefinition().clearSolutionPaths()
-    setup.setWorkspaceGoal([0.4, 0.4, 0.4])
-    assert setup.solve(10.0).asString() == "Exact solution"
-    np.testing.assert_allclose(ur5.tip_pose(setup.solution()[-1]).translation, [0.4, 0.4, 0.4], atol=0.01)
-
-
 # ------------------------------------------------------------------------------------------------------------ danger
 
 

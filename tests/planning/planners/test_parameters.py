@@ -58,21 +58,21 @@ def test_ompls_flag_in_the_place_of_the_name_has_no_effect_and_that_is_said(poin
         Declared(point, 3)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [
-        ("share", 1.5, r"share: must be a finite number in \[0, 1\], got 1.5"),
-        ("share", math.nan, "share: must be"),
-        ("share", True, "share: must be"),
-        ("length", 0.0, "length: must be a positive number, got 0.0"),
-        ("length", math.inf, "length: must be"),
-        ("turns", 0, "turns: must be a whole number >= 1, got 0"),
-        ("turns", 2.0, "turns: must be"),
-        ("works", 1, "works: must be true or false, got 1"),
-        ("works", "off", "works: must be true or false"),
-        ("colour", "red", "unknown parameter of Declared 'colour'; known: length, range, share"),
-    ],
-)
+BAD_VALUES = [
+    ("share", 1.5, r"share: must be a finite number in \[0, 1\], got 1.5"),
+    ("share", math.nan, "share: must be"),
+    ("share", True, "share: must be"),
+    ("length", 0.0, "length: must be a positive number, got 0.0"),
+    ("length", math.inf, "length: must be"),
+    ("turns", 0, "turns: must be a whole number >= 1, got 0"),
+    ("turns", 2.0, "turns: must be"),
+    ("works", 1, "works: must be true or false, got 1"),
+    ("works", "off", "works: must be true or false"),
+    ("colour", "red", "unknown parameter of Declared 'colour'; known: length, range, share"),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "message"), BAD_VALUES)
 def test_what_makes_no_sense_is_refused_in_the_same_words_everywhere(point, name, value, message):
     planner = Declared(point)
     with pytest.raises(InputError, match=message):
@@ -131,26 +131,22 @@ def test_a_planner_says_what_goals_it_plans_to(planar3, si, name):
     assert accepts(planner, ob.GoalRegion(si)) is (name == "RRTConnect"), "it cannot be sampled"
 
 
-@pytest.mark.parametrize(
-    ("name", "given", "message"),
-    [
-        ("ClassicRRTConnect", {"alpha": 3}, "'alpha' of ClassicRRTConnect is fixed to"),
-        ("ClassicPRM", {"alpha": 0.1}, "'alpha' of ClassicPRM is fixed to"),
-        ("ClassicJTRRT", {"transpose": False}, "'transpose' of ClassicJTRRT is fixed to"),
-        (
-            "SafeRRTConnect",
-            {"sed": 3},
-            "unknown parameter of SafeRRTConnect 'sed'; known: alpha, clearance, danger_decay",
-        ),
-        ("SafeRRTConnect", {"seed": 3}, "the seed is the run's"),
-        ("RRTConnect", {"seed": 3}, "the seed is the run's"),
-        ("RRTConnect", {"ranges": 3}, "unknown parameter of RRTConnect 'ranges'"),
-        ("RRTConnect", {"range": "far"}, "'far' has the wrong type"),
-        ("SafeJTRRT", dict([parameter("transpose=maybe")]), "transpose: must be"),
-        ("AnyPlanner", {}, "unknown planner 'AnyPlanner'"),
-        *((name, {"slide": 0.5}, f"unknown parameter of {name} 'slide'") for name in PRINTED),
-    ],
-)
+NOT_TAKEN = [
+    ("ClassicRRTConnect", {"alpha": 3}, "'alpha' of ClassicRRTConnect is fixed to"),
+    ("ClassicPRM", {"alpha": 0.1}, "'alpha' of ClassicPRM is fixed to"),
+    ("ClassicJTRRT", {"transpose": False}, "'transpose' of ClassicJTRRT is fixed to"),
+    ("SafeRRTConnect", {"sed": 3}, "unknown parameter of SafeRRTConnect 'sed'; known: alpha, clearance, danger_decay"),
+    ("SafeRRTConnect", {"seed": 3}, "the seed is the run's"),
+    ("RRTConnect", {"seed": 3}, "the seed is the run's"),
+    ("RRTConnect", {"ranges": 3}, "unknown parameter of RRTConnect 'ranges'"),
+    ("RRTConnect", {"range": "far"}, "'far' has the wrong type"),
+    ("SafeJTRRT", dict([parameter("transpose=maybe")]), "transpose: must be"),
+    ("AnyPlanner", {}, "unknown planner 'AnyPlanner'"),
+    *((name, {"slide": 0.5}, f"unknown parameter of {name} 'slide'") for name in PRINTED),
+]
+
+
+@pytest.mark.parametrize(("name", "given", "message"), NOT_TAKEN)
 def test_what_a_planner_of_a_name_does_not_take_is_refused(si, name, given, message):
     with pytest.raises(InputError, match=message) as error:
         make_planner(name, si, given)

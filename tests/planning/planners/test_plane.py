@@ -101,19 +101,14 @@ def test_a_map_in_other_units_takes_as_many_steps(kind, ur5):
     assert arm.getRange() == pytest.approx(0.075 * np.linalg.norm(np.minimum(ur5.upper - ur5.lower, 2 * np.pi)))
 
 
-def test_a_goal_that_cannot_be_reached_takes_its_time_and_no_more(problem):
-    task = problem(walled_in)
-    stop = Stop(task.walls, 2000)
-    assert task.solve(stop.condition) == APPROXIMATE
-    assert stop.checked_too_late <= ONE_MOTION
-    assert not task.problem.hasExactSolution()
-
-
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_nearest_path_in_reach_is_an_approximate_solution(kind):
+def test_the_nearest_path_in_reach_is_an_approximate_solution_and_comes_in_time(kind):
     task = PlaneProblem(kind, walled_in)
     for _ in range(2):
-        assert task.solve(Stop(task.walls, 1000).condition) == APPROXIMATE
+        stop = Stop(task.walls, 1000)
+        assert task.solve(stop.condition) == APPROXIMATE
+        if kind in (SafeRRTConnect, SafePRM):  # printed ones may give up before
+            assert stop.checked_too_late <= ONE_MOTION
         assert task.problem.hasApproximateSolution()
         assert task.problem.getSolutionPath().check()
         np.testing.assert_array_equal(task.path[0], START)
@@ -131,16 +126,16 @@ def test_the_nearest_path_in_reach_is_an_approximate_solution(kind):
     assert not stuck.problem.hasSolution()
 
 
-@pytest.mark.parametrize(
-    ("ends", "status"),
-    [
-        ({"starts": [(0.0, 0.0)]}, ob.PlannerStatus.INVALID_START),
-        ({"starts": [(-1.5, 0.0)]}, ob.PlannerStatus.INVALID_START),
-        ({"starts": [(np.nan, 0.0)]}, ob.PlannerStatus.INVALID_START),
-        ({"goals": [(0.0, 0.0)]}, ob.PlannerStatus.INVALID_GOAL),
-        ({"goals": [(1.5, 0.0)]}, ob.PlannerStatus.INVALID_GOAL),
-    ],
-)
+BAD_ENDS = [
+    ({"starts": [(0.0, 0.0)]}, ob.PlannerStatus.INVALID_START),
+    ({"starts": [(-1.5, 0.0)]}, ob.PlannerStatus.INVALID_START),
+    ({"starts": [(np.nan, 0.0)]}, ob.PlannerStatus.INVALID_START),
+    ({"goals": [(0.0, 0.0)]}, ob.PlannerStatus.INVALID_GOAL),
+    ({"goals": [(1.5, 0.0)]}, ob.PlannerStatus.INVALID_GOAL),
+]
+
+
+@pytest.mark.parametrize(("ends", "status"), BAD_ENDS)
 def test_ends_that_are_not_valid_waste_no_time(problem, ends, status):
     task = problem(lambda x, y: np.isnan(x) or wall_with_a_gap(x, y), **ends)
     assert task.solve() == status
@@ -156,28 +151,6 @@ def test_several_starts_and_goals_of_which_some_will_do(problem, within_walls):
     assert task.solve() == EXACT
     assert tuple(task.path[0]) in {START, (-0.8, -0.5)}
     assert tuple(task.path[-1]) in ({(0.8, -0.3)} if within_walls else {(0.8, -0.3), GOAL})
-
-
-@pytest.mark.parametrize("number", [2**32 - 1, 1000])
-def test_a_goal_region_almost_without_end(problem, number):
-    class Right(ob.GoalSampleableRegion):
-        def __init__(self, si):
-            super().__init__(si)
-            self.rng = np.random.default_rng(0)
-
-        def distanceGoal(self, state):
-            return max(0.0, 0.7 - state[0])
-
-        def sampleGoal(self, state):
-            state[0:2] = [0.8, self.rng.uniform(-0.9, 0.9)]
-
-        def maxSampleCount(self):
-            return number
-
-    task = problem(wall_with_a_gap)
-    task.problem.setGoal(Right(task.si))
-    assert task.solve() == EXACT
-    assert task.path[-1][0] == 0.8
 
 
 class Rare(ob.GoalSampleableRegion):
@@ -196,7 +169,7 @@ class Rare(ob.GoalSampleableRegion):
         state[0:2] = [0.8, (0.0 if first else 0.5) if self.drawn % self.rarity == 0 else 2.0]
 
     def maxSampleCount(self):
-        return 2**31
+        return 2**32 - 1
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -346,81 +319,86 @@ def test_a_roadmap_asks_the_sampler_that_it_is_given(kind):
 # --------------------------------------------------------------------------------------------------- other spaces
 
 
-def planned(kind, space, free, start, goal, cost=None, resolution=0.01):
-    """Plan in any space; return its path as states."""
-    setup = og.SimpleSetup(space)
-    setup.setStateValidityChecker(free)
-    setup.getSpaceInformation().setStateValidityCheckingResolution(resolution)
-    space.setup()
-    setup.setStartAndGoalStates(state_at(space, start), state_at(space, goal))
-    if cost is not None:
-        setup.setOptimizationObjective(StateCosts(setup.getSpaceInformation(), cost))
-    planner = kind(setup.getSpaceInformation())
-    planner.setSeed(0)
-    setup.setPlanner(planner)
-    assert setup.solve(30.0).getStatus() == EXACT
-    path = setup.getSolutionPath()
-    assert path.check()
-    return [path.getState(k) for k in range(path.getStateCount())]
+def within(space, most):
+    """Return a space of positions, bounded by −most and most [m]."""
+    bounds = ob.RealVectorBounds(space.getSubspace(0).getDimension())
+    bounds.setLow(-most)
+    bounds.setHigh(most)
+    space.setBounds(bounds)
+    return space
 
 
-def test_a_circle_is_crossed_where_it_closes(kind):
+def circle_and_height():
     space, height = ob.CompoundStateSpace(), ob.RealVectorStateSpace(1)
     height.setBounds(0, 1)
     space.addSubspace(ob.SO2StateSpace(), 1.0)
     space.addSubspace(height, 1.0)
-    states = planned(kind, space, lambda state: bool(abs(state[0].value) > 1.0), [2.5, 0.2], [-2.5, 0.8])
-    angles = np.array([state[0].value for state in states])
-    assert ((np.abs(angles) <= np.pi) & (np.abs(angles) > 1.0)).all()
-    assert (angles[0], angles[-1]) == (2.5, -2.5)
-    assert (np.sign(angles[:-1]) != np.sign(angles[1:])).any()
+    return space
 
 
-def test_a_rigid_body_turns_to_pass_a_gap(kind):
-    """A bar of 0.8 by 0.1, which fits through the gap in one direction only, as in OMPL's demo RigidBodyPlanning."""
-
-    def is_free(state):
-        c, s = cos(state.getYaw()), sin(state.getYaw())
-        corners = [(x, y) for x in np.linspace(-0.4, 0.4, 9) for y in (-0.05, 0.05)]
-        return all(
-            abs(state.getX() + c * x - s * y) > 0.05 or abs(state.getY() + s * x + c * y) < 0.25 for x, y in corners
-        )
-
-    space, bounds = ob.SE2StateSpace(), ob.RealVectorBounds(2)
-    bounds.setLow(-2.0)
-    bounds.setHigh(2.0)
-    space.setBounds(bounds)
-    ends = [-1.0, 0.0, 1.57], [1.0, 0.5, 1.57]
-    states = planned(kind, space, is_free, *ends, lambda state: abs(state.getY()), resolution=0.002)
-    assert states[0].getX() == pytest.approx(-1.0)
-    assert states[-1].getY() == pytest.approx(0.5)
+def bar_is_free(state):
+    """Ask for a bar of 0.8 by 0.1 m, which fits through a gap in one direction, as in OMPL's demo RigidBodyPlanning."""
+    c, s = cos(state.getYaw()), sin(state.getYaw())
+    corners = [(x, y) for x in np.linspace(-0.4, 0.4, 9) for y in (-0.05, 0.05)]
+    return all(abs(state.getX() + c * x - s * y) > 0.05 or abs(state.getY() + s * x + c * y) < 0.25 for x, y in corners)
 
 
-def test_a_rod_turns_in_space_to_pass_a_slot(kind):
-    """A rod of 0.6 m in SE(3), and a slot in a wall that it fits through flat."""
-    along = np.linspace(-0.3, 0.3, 13)[:, None]
+def rod_is_free(state):
+    """Ask for a rod of 0.6 m in SE(3), and a slot in a wall that it fits through flat."""
+    r = state.rotation()
+    axis = np.array([2 * (r.x * r.z + r.w * r.y), 2 * (r.y * r.z - r.w * r.x), 1 - 2 * (r.x**2 + r.y**2)])
+    x, y, z = (np.linspace(-0.3, 0.3, 13)[:, None] * axis + [state.getX(), state.getY(), state.getZ()]).T
+    return bool(((np.abs(x) > 0.05) | ((np.abs(y) < 0.4) & (np.abs(z) < 0.15))).all())
 
-    def is_free(state):
-        r = state.rotation()
-        axis = np.array([2 * (r.x * r.z + r.w * r.y), 2 * (r.y * r.z - r.w * r.x), 1 - 2 * (r.x**2 + r.y**2)])
-        x, y, z = (along * axis + [state.getX(), state.getY(), state.getZ()]).T
-        return bool(((np.abs(x) > 0.05) | ((np.abs(y) < 0.4) & (np.abs(z) < 0.15))).all())
 
-    space, bounds = ob.SE3StateSpace(), ob.RealVectorBounds(3)
-    bounds.setLow(-1.0)
-    bounds.setHigh(1.0)
-    space.setBounds(bounds)
-    upright = [0.0, 0.0, 0.0, 1.0]
-    ends = [-0.7, 0.1, 0.3, *upright], [0.7, 0.1, 0.3, *upright]
-    states = planned(kind, space, is_free, *ends, lambda state: abs(state.getY()))
-    assert (states[0].getX(), states[-1].getX()) == (-0.7, 0.7)
+UPRIGHT = [0.0, 0.0, 0.0, 1.0]
+SPACES = {  # a space, what is free in it, start, goal, and the resolution of the check
+    "circle": (circle_and_height, lambda q: bool(abs(q[0].value) > 1.0), [2.5, 0.2], [-2.5, 0.8], 0.01),
+    "bar": (lambda: within(ob.SE2StateSpace(), 2.0), bar_is_free, [-1.0, 0.0, 1.57], [1.0, 0.5, 1.57], 0.002),
+    "rod": (
+        lambda: within(ob.SE3StateSpace(), 1.0),
+        rod_is_free,
+        [-0.7, 0, 0.3, *UPRIGHT],
+        [0.7, 0, 0.3, *UPRIGHT],
+        0.01,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_paths_in_any_space_of_positions_and_turns(kind, name):
+    make, is_free, *ends, resolution = SPACES[name]
+    setup = og.SimpleSetup(make())
+    si, space = setup.getSpaceInformation(), setup.getStateSpace()
+    setup.setStateValidityChecker(is_free)
+    si.setStateValidityCheckingResolution(resolution)
+    space.setup()
+    setup.setStartAndGoalStates(*(state_at(space, values) for values in ends))
+    if name != "circle":
+        setup.setOptimizationObjective(StateCosts(si, lambda state: abs(state.getY())))
+    planner = kind(si)
+    planner.setSeed(0)
+    setup.setPlanner(planner)
+    assert setup.solve(30.0).getStatus() == EXACT
+    assert setup.getSolutionPath().check()
+    states = setup.getSolutionPath().getStates()
     assert all(space.satisfiesBounds(state) for state in states)
+    for state, values in zip((states[0], states[-1]), ends, strict=True):
+        assert space.distance(state, state_at(space, values)) < 1e-9
+    if name == "circle":  # it is crossed where it closes
+        angles = np.array([state[0].value for state in states])
+        assert (np.abs(angles) > 1.0).all()
+        assert (np.sign(angles[:-1]) != np.sign(angles[1:])).any()
 
 
 def towards_the_sun(Q):
     """Return the cosine between the line of sight of a telescope, its z axis, and the sun at x, for `Q: (N, 4)`."""
     x, y, z, w = np.asarray(Q).T
     return 2 * (x * z + w * y)
+
+
+def as_rows(*states):
+    return [[q.x, q.y, q.z, q.w] for q in states]
 
 
 class Glare(ob.OptimizationObjective):
@@ -430,7 +408,7 @@ class Glare(ob.OptimizationObjective):
         return np.exp(3 * towards_the_sun(Q))
 
     def stateCost(self, state):
-        return ob.Cost(float(self.values([[state.x, state.y, state.z, state.w]])[0]))
+        return ob.Cost(float(self.values(as_rows(state))[0]))
 
     def motionCost(self, start, end):
         return ob.Cost(0.0)
@@ -447,7 +425,7 @@ def test_a_telescope_turns_past_the_sun(kind, objective):
     def mean_glare(alpha, seed):
         setup = og.SimpleSetup(ob.SO3StateSpace())
         si = setup.getSpaceInformation()
-        setup.setStateValidityChecker(lambda q: bool(towards_the_sun([[q.x, q.y, q.z, q.w]])[0] < cos(0.3)))
+        setup.setStateValidityChecker(lambda q: bool(towards_the_sun(as_rows(q))[0] < cos(0.3)))
         si.setStateValidityCheckingResolution(0.005)
         ends = [si.allocState(), si.allocState()]
         for state, angle in zip(ends, (-0.8, 0.8), strict=True):
@@ -461,8 +439,7 @@ def test_a_telescope_turns_past_the_sun(kind, objective):
         path = setup.getSolutionPath()
         assert path.check()
         path.interpolate(60)
-        states = [path.getState(k) for k in range(path.getStateCount())]
-        return np.mean(Glare(si).values([[q.x, q.y, q.z, q.w] for q in states]))
+        return np.mean(Glare(si).values(as_rows(*path.getStates())))
 
     unaware, aware = (np.mean([mean_glare(alpha, seed) for seed in range(5)]) for alpha in (0.0, 5.0))
     assert aware < 0.6 * unaware

@@ -95,17 +95,17 @@ def tent(q):
 TOP = 6.5 - 4.0  # a triangle above 4, the larger of the two minima beside it
 
 
-@pytest.mark.parametrize(
-    ("path", "function", "avoidable"),
-    [
-        ([-1, 1], np.square, 0.0),  # nothing on the way is worse than the ends
-        ([-1, 0.5, 1], lambda q: 1.5 - q**2, 2 - 2 / 3),
-        ([0, 2], tent, 1.0),
-        ([0.5, 2], tent, 0.25),  # only what exceeds the worse end, 0.5
-        ([-2, 2], bumps, TOP * (1 + TOP / 3) / 2),
-        *((ends, lambda q: 1 + q**2, 0.0) for ends in ([-2, 1], [-1, 2], [0, 2], [-2, 0])),  # it falls and rises once
-    ],
-)
+AVOIDABLE = [
+    ([-1, 1], np.square, 0.0),  # nothing on the way is worse than the ends
+    ([-1, 0.5, 1], lambda q: 1.5 - q**2, 2 - 2 / 3),
+    ([0, 2], tent, 1.0),
+    ([0.5, 2], tent, 0.25),  # only what exceeds the worse end, 0.5
+    ([-2, 2], bumps, TOP * (1 + TOP / 3) / 2),
+    *((ends, lambda q: 1 + q**2, 0.0) for ends in ([-2, 1], [-1, 2], [0, 2], [-2, 0])),  # it falls and rises once
+]
+
+
+@pytest.mark.parametrize(("path", "function", "avoidable"), AVOIDABLE)
 def test_danger_between_less_dangerous_places_is_avoidable(crank, path, function, avoidable):
     found = report(crank, [[q] for q in path], function=function)
     q = np.linspace(min(path), max(path), 20_001)

@@ -224,18 +224,18 @@ def test_a_joint_that_turns_too_far_goes_the_short_way(kinova, rng):
 # ---------------------------------------------------------------------------------------------------------- bad input
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"time": 0.0}, "time"),
-        ({"weight": -1.0}, "weight"),
-        ({"clearance": -0.1}, "clearance"),
-        ({"path": np.zeros((3, 5))}, "shape"),
-        ({"path": np.full((2, 6), np.nan)}, "finite"),
-        ({"path": START[None]}, "two configurations"),
-        ({"path": [START, IN_BALL, GOAL]}, "edge from way point 0"),
-    ],
-)
+BAD_OPTIONS = [
+    ({"time": 0.0}, "time"),
+    ({"weight": -1.0}, "weight"),
+    ({"clearance": -0.1}, "clearance"),
+    ({"path": np.zeros((3, 5))}, "shape"),
+    ({"path": np.full((2, 6), np.nan)}, "finite"),
+    ({"path": START[None]}, "two configurations"),
+    ({"path": [START, IN_BALL, GOAL]}, "edge from way point 0"),
+]
+
+
+@pytest.mark.parametrize(("options", "message"), BAD_OPTIONS)
 def test_what_makes_no_sense(setup, raw, options, message):
     with pytest.raises(InputError, match=message):
         simplify(setup, **{"path": raw[0], **options})
