@@ -198,16 +198,16 @@ def test_what_is_said_once_is_said_once_though_every_process_has_to_say_it(caplo
     assert [record.getMessage() for record in caplog.records] == ["said by every process"]
 
 
-@pytest.mark.parametrize(
-    ("planners", "runs", "workers", "said"),
-    [
-        ((), 1, 1, "at least one"),
-        (("RRT", "RRT"), 1, 1, "twice"),
-        (PLANNERS, 0, 1, "runs"),
-        (("RRTConnect", "Fly"), 1, 1, "'Fly'"),
-        (PLANNERS, 1, 0, "workers"),
-    ],
-)
+BAD_CAMPAIGNS = [
+    ((), 1, 1, "at least one"),
+    (("RRT", "RRT"), 1, 1, "twice"),
+    (PLANNERS, 0, 1, "runs"),
+    (("RRTConnect", "Fly"), 1, 1, "'Fly'"),
+    (PLANNERS, 1, 0, "workers"),
+]
+
+
+@pytest.mark.parametrize(("planners", "runs", "workers", "said"), BAD_CAMPAIGNS)
 def test_bad_campaigns_are_refused_before_any_run(scenario, setup, planners, runs, workers, said):
     with pytest.raises(InputError, match=said):
         Campaign(scenario, planners, runs).results(setup, workers)

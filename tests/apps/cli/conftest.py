@@ -18,6 +18,20 @@ def call(capfd):
 
 
 @pytest.fixture
+def says(call):
+    """Return a function that runs a command line, asserts its status and words of its output, and returns that."""
+
+    def check(line, *words, status=0):
+        found, out, err = call(*(line.split() if isinstance(line, str) else line))
+        assert found == status, err
+        for word in words:
+            assert word in out
+        return out
+
+    return check
+
+
+@pytest.fixture
 def refuses(call):
     """Return a function that fails unless a command line is refused, in one line that holds all of some words."""
 

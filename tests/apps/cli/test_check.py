@@ -61,24 +61,17 @@ def table(file, columns):
     file.write_text("\n".join(lines) + "\n")
 
 
-def test_a_motion_is_proven_or_what_is_not_is_said(call, tmp_path, setup):
+def test_a_motion_is_proven_or_what_is_not_is_said(says, tmp_path, setup):
     save(motion(), "free.json")
-    status, out, _ = call("check", "free.json", "--scenario", "own.yaml", "--widest-tube", "--json", "found.json")
-    assert status == 0
-    assert "proven: joint limits, collision" in out
+    free = "check free.json --scenario own.yaml"
+    says(f"{free} --widest-tube --json found.json", "proven: joint limits, collision")
     found = json.loads((tmp_path / "found.json").read_text())
     width = found["widest_tube"]["joint1"]
-    assert found["proven"]
-    assert not found["violations"]
-    tubes = {
-        share: call("check", "free.json", "--scenario", "own.yaml", "--tube", share * width) for share in (0.99, 1.1)
-    }
-    assert [tubes[share][0] for share in tubes] == [0, 1]
-    assert "clearance" in tubes[1.1][1]
+    assert (found["proven"], found["violations"]) == (True, [])
+    says(f"{free} --tube {0.99 * width}")
+    says(f"{free} --tube {1.1 * width}", "clearance", status=1)
     save(motion(TOUCHING), "touching.json")
-    status, out, _ = call("check", "touching.json", "--scenario", "own.yaml", "--json", "-")
-    record = json.loads(out)
-    assert status == 1
+    record = json.loads(says("check touching.json --scenario own.yaml --json -", status=1))
     assert record["claims"] == ["joint limits", "collision"]
     for violation in record["violations"]:
         q = motion(TOUCHING).at(violation["at"])
@@ -87,18 +80,13 @@ def test_a_motion_is_proven_or_what_is_not_is_said(call, tmp_path, setup):
     assert {violation["kind"] for violation in record["violations"]} == {"collision"}
 
 
-def test_limits_are_the_scenarios_and_the_options(call):
+def test_limits_are_the_scenarios_and_the_options(says):
     save(motion(), "free.json")
     fast = Motion.hermite(T / 20, *(motion().derivative(T, k) * 20**k for k in (0, 1)), names=NAMES)
     save(fast, "fast.json")
-    assert call("check", "free.json", "--scenario", "own.yaml", "--limits")[0] == 0
-    status, out, _ = call("check", "fast.json", "--scenario", "own.yaml", "--limits")
-    assert status == 1
-    assert "velocity" in out
-    assert "rad/s" in out
-    status, out, _ = call("check", "free.json", "--scenario", "own.yaml", "--min-clearance", "0.2")
-    assert status == 1
-    assert "200 mm" in out
+    says("check free.json --scenario own.yaml --limits")
+    says("check fast.json --scenario own.yaml --limits", "velocity", "rad/s", status=1)
+    says("check free.json --scenario own.yaml --min-clearance 0.2", "200 mm", status=1)
 
 
 @pytest.mark.parametrize(("degree", "out"), [(1, "out.json"), (3, "out.csv"), (5, "out.npz"), (3, "out.yaml")])
@@ -114,13 +102,12 @@ def test_a_repair_is_written_in_the_form_that_is_asked_for_and_proven_as_it_is_r
     assert (back.degree, back.times[-1]) == (degree, T[-1])
 
 
-def test_json_stays_a_message_where_the_file_is_one(call, tmp_path):
-    points = [
-        {"positions": q.tolist(), "time_from_start": {"sec": int(t), "nanosec": 0}}
-        for t, q in zip(T, (START, TOUCHING, END), strict=True)
-    ]
+def test_json_stays_a_message_where_the_file_is_one(says, tmp_path):
+    instants = [{"sec": int(t), "nanosec": 0} for t in T]
+    ways = zip((START, TOUCHING, END), instants, strict=True)
+    points = [{"positions": q.tolist(), "time_from_start": instant} for q, instant in ways]
     (tmp_path / "ros.json").write_text(json.dumps({"joint_names": NAMES, "points": points}))
-    assert call("check", "ros.json", "--scenario", "own.yaml", "--repair", "out.json")[0] == 0
+    says("check ros.json --scenario own.yaml --repair out.json")
     said = json.loads((tmp_path / "out.json").read_text())
     assert list(said) == ["joint_names", "points"]
     assert said["points"][-1] == {**points[-1], "positions": pytest.approx(points[-1]["positions"])}
@@ -142,23 +129,17 @@ def test_a_certificate_claims_what_is_written(call, tmp_path):
     assert (status, err) == (1, "safe-ompl: it is not proven: nothing is written to proof.json\n")
     assert not (tmp_path / "proof.json").exists()
     assert call(*command, "--repair", "out.json")[0] == 0
-    status, out, _ = call("verify", "proof.json")
-    assert status == 0
-    assert "polynomials in 4.000 s" in out
+    assert "polynomials in 4.000 s" in call("verify", "proof.json")[1]
 
 
-def test_bare_samples_are_proven_within_what_may_be_between(call, tmp_path):
+def test_bare_samples_are_proven_within_what_may_be_between(says, refuses, tmp_path):
     times = np.linspace(0.0, 4.0, 401)
     Q = motion().at(times)
     table(tmp_path / "samples.csv", {"time": times, **{name: Q[:, k] for k, name in enumerate(NAMES)}})
-    command = ("check", "samples.csv", "--scenario", "own.yaml")
-    assert call(*command, "--max-velocity", "3")[0] == 0
-    status, out, _ = call(*command, "--max-velocity", "joint1=34,joint2=3,joint3=3")
-    assert status == 1
-    assert "slack" in out
-    status, out, err = call(*command, "--max-velocity", "0.5")
-    assert status == 2
-    assert err.startswith("safe-ompl: samples.csv: samples: column ")
+    command = "check samples.csv --scenario own.yaml --max-velocity"
+    says(f"{command} 3")
+    says(f"{command} joint1=34,joint2=3,joint3=3", "slack", status=1)
+    refuses(f"{command} 0.5", "safe-ompl: samples.csv: samples: column ")
 
 
 def test_a_page_shows_the_motion(call, tmp_path):
@@ -182,22 +163,13 @@ def beside_people(tmp_path, call):
 
 
 @pytest.mark.usefixtures("beside_people")
-def test_stops_beside_the_scenarios_people_are_proven(call, tmp_path):
-    status, out, _ = call("check", "slow.json", "--scenario", "own.yaml")
-    assert status == 0
-    assert "velocity, acceleration, collision, stops beside people" in out
-    status, out, _ = call("check", "fast.json", "--scenario", "own.yaml", "--no-people", "--json", "found.json")
-    assert status == 0
-    assert "not looked at: --no-people" in out
+def test_stops_beside_the_scenarios_people_are_proven(says, tmp_path):
+    says("check slow.json --scenario own.yaml", "velocity, acceleration, collision, stops beside people")
+    says("check fast.json --scenario own.yaml --no-people --json found.json", "not looked at: --no-people")
     assert json.loads((tmp_path / "found.json").read_text())["claims"] == ["joint limits", "collision"]
-    status, out, _ = call("check", "fast.json", "--scenario", "own.yaml")
-    assert status == 1
-    assert "separation" in out
-    assert "ball" in out
+    says("check fast.json --scenario own.yaml", "separation", "ball", status=1)
     save(Motion.through([START, START + 0.1], names=NAMES), "path.json")
-    status, out, _ = call("check", "path.json", "--scenario", "own.yaml")
-    assert status == 0
-    assert "not looked at: the motion has no times" in out
+    says("check path.json --scenario own.yaml", "not looked at: the motion has no times")
 
 
 @pytest.mark.usefixtures("beside_people")
@@ -230,7 +202,7 @@ WAY = np.array([START, 0.5 * (START + MIDDLE), 0.4 * START + 0.6 * MIDDLE])
 
 
 @pytest.mark.usefixtures("beside_people")
-def test_way_points_are_timed_beside_people_within_limits_and_verified(call, tmp_path, setup):
+def test_way_points_are_timed_beside_people_within_limits_and_verified(call, says, tmp_path, setup):
     """What is written stops in time between its points, too, for which it may take a little longer."""
     command, alone = ("check", "way.csv", "--scenario", "own.yaml", "--retime"), set()
     for columns, header, options in (
@@ -243,15 +215,9 @@ def test_way_points_are_timed_beside_people_within_limits_and_verified(call, tmp
         assert call(*command, *options, "--trajectory", "alone.csv", "--no-people", "--force")[0] == 0
         alone.add((tmp_path / "alone.csv").read_text())
     assert len(alone) == 1
-    status, out, _ = call(*command, "--trajectory", "out.csv", "--certificate", "proof.json")
-    assert status == 0
-    assert "timed: " in out
-    assert "separation" in out
-    status, out, _ = call("verify", "proof.json", "own.yaml")
-    assert status == 0
-    assert "it stands before anyone of ball" in out
-    status, out, _ = call("check", "out.csv", "--scenario", "own.yaml")
-    assert (status, "velocity, acceleration, collision, stops beside people" in out) == (0, True)
+    says((*command, "--trajectory", "out.csv", "--certificate", "proof.json"), "timed: ", "separation")
+    says("verify proof.json own.yaml", "it stands before anyone of ball")
+    says("check out.csv --scenario own.yaml", "velocity, acceleration, collision, stops beside people")
     motions = [read_motion(tmp_path / name, setup.robot) for name in ("out.csv", "alone.csv")]
     assert motions[0].duration > 1.2 * motions[1].duration
     for found in motions:
@@ -261,14 +227,14 @@ def test_way_points_are_timed_beside_people_within_limits_and_verified(call, tmp
             assert max(rates.high.max(), -rates.low.min()) <= most * (1 + 1e-9)
 
 
-@pytest.mark.parametrize(
-    ("way", "said"),
-    [
-        ([START, np.zeros(3), MIDDLE], "way point 1 is not proven to be free: link"),
-        ([START, [9.0, 0.0, 0.0]], "way point 1: joint 'joint1' = 9 is outside its limits"),
-        ([MIDDLE, START, END], "between way points 1 and 2, at 1."),
-    ],
-)
+BAD_WAYS = [
+    ([START, np.zeros(3), MIDDLE], "way point 1 is not proven to be free: link"),
+    ([START, [9.0, 0.0, 0.0]], "way point 1: joint 'joint1' = 9 is outside its limits"),
+    ([MIDDLE, START, END], "between way points 1 and 2, at 1."),
+]
+
+
+@pytest.mark.parametrize(("way", "said"), BAD_WAYS)
 def test_a_bad_way_point_is_named_and_nothing_is_written(call, tmp_path, setup, way, said):
     save(Motion.through(way, names=NAMES), "way.json")
     command = ("check", "way.json", "--scenario", "own.yaml", "--trajectory", "out.csv", "--certificate", "proof.json")
@@ -291,7 +257,7 @@ def log(file, errors, times, shift=0.0):
     table(file, columns)
 
 
-def test_the_tube_is_the_largest_error_times_a_factor_and_check_takes_it(call, tmp_path):
+def test_the_tube_is_the_largest_error_times_a_factor_and_check_takes_it(call, says, tmp_path):
     times = np.linspace(0.0, 4.0, 81)
     errors = np.outer(np.sin(np.pi * times / 4), [0.01, 0.002, 0.0])
     log(tmp_path / "log.csv", errors, times)
@@ -307,11 +273,9 @@ def test_the_tube_is_the_largest_error_times_a_factor_and_check_takes_it(call, t
     assert 0.02 <= float(widths["joint1"]) <= 0.0201
     assert 0.004 <= float(widths["joint2"]) <= 0.00402
     save(motion(), "free.json")
-    assert call("check", "free.json", "--scenario", "own.yaml", *option.split())[0] == 0
+    says(f"check free.json --scenario own.yaml {option}")
     (tmp_path / "own.yaml").write_text(yaml.safe_dump(scenario(**yaml.safe_load(entry))))
-    status, out, _ = call("check", "free.json", "--scenario", "own.yaml")
-    assert status == 0
-    assert f"within a tube of ±[{float(widths['joint1']):.3g}, " in out
+    says("check free.json --scenario own.yaml", f"within a tube of ±[{float(widths['joint1']):.3g}, ")
     other = np.outer(np.cos(np.pi * times / 8), [0.003, 0.006, 0.0])
     log(tmp_path / "other.csv", other, times)
     _, out, _ = call("tube", "log.csv", "other.csv")
@@ -319,7 +283,7 @@ def test_the_tube_is_the_largest_error_times_a_factor_and_check_takes_it(call, t
     assert [row[-1] for row in rows[1:3]] == ["log.csv", "other.csv"]
 
 
-def test_two_files_are_compared_at_equal_times(call, tmp_path):
+def test_two_files_are_compared_at_equal_times(says, tmp_path):
     """A measurement at other instants is no error; one that is late is."""
     fine, coarse = np.linspace(0, 4, 801), np.linspace(0.003, 3.9, 333)
     for name, times, late in (("asked", fine, 0.0), ("same", coarse, 0.0), ("late", coarse, 0.01)):
@@ -327,8 +291,7 @@ def test_two_files_are_compared_at_equal_times(call, tmp_path):
         table(tmp_path / f"{name}.csv", {"time": times, **{joint: Q[:, k] for k, joint in enumerate(NAMES)}})
     largest = {}
     for name in ("same", "late"):
-        status, out, _ = call("tube", "--commanded", "asked.csv", "--measured", f"{name}.csv")
-        assert status == 0
+        out = says(f"tube --commanded asked.csv --measured {name}.csv")
         largest[name] = float(next(line for line in out.splitlines() if line.startswith("joint2")).split()[-1])
     fastest = np.abs(motion().derivative(fine)[:, 1]).max()
     assert largest["same"] < 5e-4
@@ -353,43 +316,40 @@ def test_files_of_another_kind_are_refused_and_nothing_is_written(refuses, tmp_p
     assert {file.name for file in tmp_path.iterdir()} == {"own.yaml", "scene.json", "path.json"}
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (("--repair", "out.npy"), "--repair: 'out.npy' must end in .csv or .tsv or .txt or .npz or .json or .yaml"),
-        (
-            ("--repair", "a.json", "--json", "a.json"),
-            "--json: 'a.json' is written by --repair already: give another file",
-        ),
-        (("--tube", "wide"), "argument --tube: must be a positive number, not 'wide'"),
-        (("--tube", "joint1=0.1"), "--tube: no value for 'joint2', 'joint3'"),
-        (("--tube", "elbow=0.1"), "--tube: unknown joint 'elbow'; known: joint1, joint2, joint3"),
-        (("--tube", "joint1=0.1,joint1=0.2"), "argument --tube: 'joint1' is given twice"),
-        (("--max-velocity", "3"), "--max-velocity: free.json: is for samples in time, without velocities"),
-        (("--retime", "--repair", "out.json"), "--repair: is for a motion with its own times: leave out --retime"),
-        (("--retime", "--widest-tube"), "--widest-tube: is for a motion with its own times: leave out --retime"),
-        (("--rate", "50"), "--rate: is for a path in time: give --trajectory FILE, too"),
-    ],
-)
+BAD_OPTIONS = [
+    (("--repair", "out.npy"), "--repair: 'out.npy' must end in .csv or .tsv or .txt or .npz or .json or .yaml"),
+    (("--repair", "a.json", "--json", "a.json"), "--json: 'a.json' is written by --repair already: give another"),
+    (("--tube", "wide"), "argument --tube: must be a positive number, not 'wide'"),
+    (("--tube", "joint1=0.1"), "--tube: no value for 'joint2', 'joint3'"),
+    (("--tube", "elbow=0.1"), "--tube: unknown joint 'elbow'; known: joint1, joint2, joint3"),
+    (("--tube", "joint1=0.1,joint1=0.2"), "argument --tube: 'joint1' is given twice"),
+    (("--max-velocity", "3"), "--max-velocity: free.json: is for samples in time, without velocities"),
+    (("--retime", "--repair", "out.json"), "--repair: is for a motion with its own times: leave out --retime"),
+    (("--retime", "--widest-tube"), "--widest-tube: is for a motion with its own times: leave out --retime"),
+    (("--rate", "50"), "--rate: is for a path in time: give --trajectory FILE, too"),
+]
+
+
+@pytest.mark.parametrize(("options", "said"), BAD_OPTIONS)
 def test_options_that_cannot_be(refuses, tmp_path, options, said):
     save(motion(), "free.json")
     refuses(("check", "free.json", "--scenario", "own.yaml", *options), said)
     assert {file.name for file in tmp_path.iterdir()} == {"free.json", "own.yaml"}
 
 
-@pytest.mark.parametrize(
-    ("header", "arguments", "said"),
-    [
-        ("time,joint1_commanded", ("log.csv",), "log.csv: joint1_measured: missing"),
-        ("joint1_commanded,joint1_measured", ("log.csv",), "log.csv: time: missing"),
-        ("time,joint1", ("log.csv",), "log.csv: columns: must be <joint>_commanded and <joint>_measured, got none"),
-        ("time,joint1", ("log.json",), "log.json: must be a log, with one of the endings .csv, .tsv, .txt, .npz"),
-        ("time,joint1", (), "give logs, or both --commanded and --measured"),
-        ("time,joint1", ("--measured", "log.csv"), "give logs, or both --commanded and --measured"),
-        ("time,joint1_commanded,joint1_measured", ("log.csv", "--factor", "0.5"), "factor: must be"),
-        ("time,joint1_commanded,joint1_measured", ("log.csv", "--degrees"), "--degrees: needs the robot"),
-    ],
-)
+NO_LOGS = [
+    ("time,joint1_commanded", ("log.csv",), "log.csv: joint1_measured: missing"),
+    ("joint1_commanded,joint1_measured", ("log.csv",), "log.csv: time: missing"),
+    ("time,joint1", ("log.csv",), "log.csv: columns: must be <joint>_commanded and <joint>_measured, got none"),
+    ("time,joint1", ("log.json",), "log.json: must be a log, with one of the endings .csv, .tsv, .txt, .npz"),
+    ("time,joint1", (), "give logs, or both --commanded and --measured"),
+    ("time,joint1", ("--measured", "log.csv"), "give logs, or both --commanded and --measured"),
+    ("time,joint1_commanded,joint1_measured", ("log.csv", "--factor", "0.5"), "factor: must be"),
+    ("time,joint1_commanded,joint1_measured", ("log.csv", "--degrees"), "--degrees: needs the robot"),
+]
+
+
+@pytest.mark.parametrize(("header", "arguments", "said"), NO_LOGS)
 def test_logs_that_are_none(refuses, tmp_path, header, arguments, said):
     row = ",".join("0" * len(header.split(",")))
     (tmp_path / "log.csv").write_text("\n".join([header, row, row.replace("0", "1"), row.replace("0", "2")]))

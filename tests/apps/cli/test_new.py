@@ -233,20 +233,20 @@ def test_the_srdf_says_which_arm(butler, capsys, monkeypatch):
     assert Scenario.load("tip.yaml").build_robot().joint_names == ("lift", "left_1", "left_2", "left_3")
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ([], ["butler.urdf", "link 'left_d'", "'package://butler/meshes/palm.obj' not found", "package dir"]),
-        (["--package-dir", "nowhere"], ["--package-dir", "'nowhere' does not exist"]),
-        (["--tip", "beak"], ["--tip", "'beak'", "left_d"]),
-        (["--group", "left_arm"], ["--group", "give --srdf"]),
-        (["--srdf", "butler.srdf", "--group", "legs"], ["butler.srdf", "'legs'", "left_arm"]),
-        (["--srdf", "butler.srdf", "--group", "broken"], ["butler.srdf", "'broken'", "'tail'"]),
-        (["--srdf", "nothing.srdf"], ["srdf", "nothing.srdf' does not exist"]),
-        (["--srdf", "butler.urdf"], ["srdf", "butler.urdf' must end in .srdf or .xml"]),
-        (["--srdf", "empty.srdf"], ["empty.srdf", "not a valid SRDF"]),
-    ],
-)
+WRONG_OPTIONS = [
+    ([], ["butler.urdf", "link 'left_d'", "'package://butler/meshes/palm.obj' not found", "package dir"]),
+    (["--package-dir", "nowhere"], ["--package-dir", "'nowhere' does not exist"]),
+    (["--tip", "beak"], ["--tip", "'beak'", "left_d"]),
+    (["--group", "left_arm"], ["--group", "give --srdf"]),
+    (["--srdf", "butler.srdf", "--group", "legs"], ["butler.srdf", "'legs'", "left_arm"]),
+    (["--srdf", "butler.srdf", "--group", "broken"], ["butler.srdf", "'broken'", "'tail'"]),
+    (["--srdf", "nothing.srdf"], ["srdf", "nothing.srdf' does not exist"]),
+    (["--srdf", "butler.urdf"], ["srdf", "butler.urdf' must end in .srdf or .xml"]),
+    (["--srdf", "empty.srdf"], ["empty.srdf", "not a valid SRDF"]),
+]
+
+
+@pytest.mark.parametrize(("words", "said"), WRONG_OPTIONS)
 def test_wrong_options_are_one_line(words, said, butler, capsys, tmp_path):
     (tmp_path / "work" / "here" / "empty.srdf").write_text("")
     folder = [] if not words or words[0] == "--package-dir" else ["--package-dir", str(butler)]
@@ -257,20 +257,20 @@ def test_wrong_options_are_one_line(words, said, butler, capsys, tmp_path):
     assert not (tmp_path / "work" / "here" / "mine.yaml").exists()
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("<robot/>", "it has no link"),
-        ('<robot name="r"><link name="a"/></robot>', "no joint"),
-        ('<robot name="r"><xacro:include filename="b"/></robot>', "`pip install xacro`"),
-        (
-            f'<robot name="hand"><link name="palm"/>{link("finger", "0.02 0.02 0.1")}'
-            + joint("slide", "palm", "finger", "0 0 0.1", "1 0 0", "prismatic", "0 0.004")
-            + "</robot>",
-            "person, of 2000 configurations; the tip does not move from one side to the other",
-        ),
-    ],
-)
+WRONG_URDFS = [
+    ("<robot/>", "it has no link"),
+    ('<robot name="r"><link name="a"/></robot>', "no joint"),
+    ('<robot name="r"><xacro:include filename="b"/></robot>', "`pip install xacro`"),
+    (
+        f'<robot name="hand"><link name="palm"/>{link("finger", "0.02 0.02 0.1")}'
+        + joint("slide", "palm", "finger", "0 0 0.1", "1 0 0", "prismatic", "0 0.004")
+        + "</robot>",
+        "person, of 2000 configurations; the tip does not move from one side to the other",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "said"), WRONG_URDFS)
 def test_wrong_urdfs_are_one_line(text, said, tmp_path, capfd, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "xacro", None)
