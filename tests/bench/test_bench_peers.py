@@ -63,17 +63,17 @@ def test_a_runner_answers_with_a_path_and_its_times(exported, tmp_path, name):
     assert min(answer[key] for key in ("building", "planning", "smoothing")) >= 0
 
 
-@pytest.mark.parametrize(
-    ("path", "error"),
-    [
-        (None, "no path"),
-        ([LEFT], "the path has other ends"),
-        ([LEFT, RIGHT[:5]], "way points"),
-        ([LEFT, LEFT], "the path has other ends"),
-        ([LEFT, [9.0, *LEFT[1:]], RIGHT], "'panda_joint1' is 6.1 outside its limits"),
-        ([LEFT, [np.nan, *LEFT[1:]], RIGHT], "way points"),
-    ],
-)
+NO_ANSWERS = [
+    (None, "no path"),
+    ([LEFT], "the path has other ends"),
+    ([LEFT, RIGHT[:5]], "way points"),
+    ([LEFT, LEFT], "the path has other ends"),
+    ([LEFT, [9.0, *LEFT[1:]], RIGHT], "'panda_joint1' is 6.1 outside its limits"),
+    ([LEFT, [np.nan, *LEFT[1:]], RIGHT], "way points"),
+]
+
+
+@pytest.mark.parametrize(("path", "error"), NO_ANSWERS)
 def test_what_is_no_answer_is_not_solved(exported, path, error):
     answer = {"path": path, "building": 0.0, "planning": 0.0, "smoothing": 0.0}
     run = judged(answer, exported[1], 0)

@@ -131,18 +131,18 @@ def test_a_thin_plate_between_the_samples_of_others_is_found(spoke, plain_check)
     assert motion.check(start, np.array([0.5])).verdict is Verdict.FREE
 
 
-@pytest.mark.parametrize(
-    ("gap", "floor", "expected"),
-    [
-        (1e-3, 1e-4, Verdict.FREE),
-        (3e-4, 1e-5, Verdict.FREE),
-        (3e-5, 1e-3, Verdict.FREE),
-        (1e-5, 1e-3, Verdict.UNDECIDED),
-        (1e-5, 1e-5, Verdict.UNDECIDED),
-        (-1e-3, 1e-3, Verdict.BLOCKED),
-        (-1e-3, 1e-5, Verdict.BLOCKED),
-    ],
-)
+GAPS = [
+    (1e-3, 1e-4, Verdict.FREE),
+    (3e-4, 1e-5, Verdict.FREE),
+    (3e-5, 1e-3, Verdict.FREE),
+    (1e-5, 1e-3, Verdict.UNDECIDED),
+    (1e-5, 1e-5, Verdict.UNDECIDED),
+    (-1e-3, 1e-3, Verdict.BLOCKED),
+    (-1e-3, 1e-5, Verdict.BLOCKED),
+]
+
+
+@pytest.mark.parametrize(("gap", "floor", "expected"), GAPS)
 def test_less_than_the_allowance_is_too_near_to_tell(crank, gap, floor, expected):
     motion = MotionProver(CollisionChecker(crank, beside(gap)), floor)
     verdict = motion.check(np.array([-0.51]), np.array([0.5]))

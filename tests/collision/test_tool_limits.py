@@ -118,19 +118,19 @@ def test_walls_may_be_missing(ur5):
     assert limit.check(q, q + 0.05).verdict is Verdict.FREE
 
 
-@pytest.mark.parametrize(
-    ("kind", "given", "words"),
-    [
-        (ToolOrientation, ([0, 0, 0], UP, 0.5), "axis of the tool must be a vector that is not zero, got"),
-        (ToolOrientation, (UP, [0, 0], 0.5), r"direction of the tool: must have shape \(3\), got \(2,\)"),
-        (ToolOrientation, (UP, [0, 0, np.nan], 0.5), "direction of the tool: must be finite"),
-        (ToolOrientation, (UP, UP, 0.0), r"angle of the tool: must be a finite angle \[rad\] in \(0, 3.1415"),
-        (ToolOrientation, (UP, UP, 30.0), "angle of the tool: must be"),
-        (TipBounds, ([0, 0, 1], [1, 1, 1]), "the lower corner must be below the upper one"),
-        (TipBounds, ([0, 0], [1, 1, 1]), "lower corner: must have shape"),
-        (TipBounds, ([0, 0, 0], [1, 1, np.nan]), "upper corner must be 3 numbers"),
-    ],
-)
+NO_LIMITS = [
+    (ToolOrientation, ([0, 0, 0], UP, 0.5), "axis of the tool must be a vector that is not zero, got"),
+    (ToolOrientation, (UP, [0, 0], 0.5), r"direction of the tool: must have shape \(3\), got \(2,\)"),
+    (ToolOrientation, (UP, [0, 0, np.nan], 0.5), "direction of the tool: must be finite"),
+    (ToolOrientation, (UP, UP, 0.0), r"angle of the tool: must be a finite angle \[rad\] in \(0, 3.1415"),
+    (ToolOrientation, (UP, UP, 30.0), "angle of the tool: must be"),
+    (TipBounds, ([0, 0, 1], [1, 1, 1]), "the lower corner must be below the upper one"),
+    (TipBounds, ([0, 0], [1, 1, 1]), "lower corner: must have shape"),
+    (TipBounds, ([0, 0, 0], [1, 1, np.nan]), "upper corner must be 3 numbers"),
+]
+
+
+@pytest.mark.parametrize(("kind", "given", "words"), NO_LIMITS)
 def test_what_is_no_limit_is_refused(ur5, kind, given, words):
     with pytest.raises(InputError, match=words):
         kind(ur5, *given)

@@ -273,23 +273,23 @@ def test_without_danger_points_danger_is_zero(panda, rng, points, aggregate, wei
     assert [part.shape for part in some_points.values_and_gradients(np.empty((0, 7)))] == [(0,), (0, 7)]
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"points": [[0, 0, np.nan]]}, "danger points: must be finite"),
-        ({"points": [[0, 0]]}, r"danger points: must have shape \(any, 3\), got \(1, 2\)"),
-        ({"points": "here"}, "danger points: must be numbers"),
-        ({"weights": [1.0]}, r"danger weights: must have shape \(9\), got \(1,\)"),
-        ({"weights": [0.0] + [-1.0] * 8}, r"danger weights must be positive, got \[0.0, -1.0"),
-        ({"weights": [np.nan] * 9}, "danger weights: must be finite"),
-        ({"aggregate": "sum"}, "unknown aggregate 'sum'; known: max, mean, softmax"),
-        ({"weighting": "mass"}, "unknown weighting 'mass'; known: unit, length"),
-        ({"k1": 0.0}, "k1: must be a positive number, got 0.0"),
-        ({"sharpness": -1.0}, "sharpness: must be a positive number, got -1.0"),
-        ({"k2": -1}, "k2: must be a finite number >= 0"),
-        ({"gamma": np.nan}, "gamma: must be a finite number >= 0"),
-    ],
-)
+REFUSED = [
+    ({"points": [[0, 0, np.nan]]}, "danger points: must be finite"),
+    ({"points": [[0, 0]]}, r"danger points: must have shape \(any, 3\), got \(1, 2\)"),
+    ({"points": "here"}, "danger points: must be numbers"),
+    ({"weights": [1.0]}, r"danger weights: must have shape \(9\), got \(1,\)"),
+    ({"weights": [0.0] + [-1.0] * 8}, r"danger weights must be positive, got \[0.0, -1.0"),
+    ({"weights": [np.nan] * 9}, "danger weights: must be finite"),
+    ({"aggregate": "sum"}, "unknown aggregate 'sum'; known: max, mean, softmax"),
+    ({"weighting": "mass"}, "unknown weighting 'mass'; known: unit, length"),
+    ({"k1": 0.0}, "k1: must be a positive number, got 0.0"),
+    ({"sharpness": -1.0}, "sharpness: must be a positive number, got -1.0"),
+    ({"k2": -1}, "k2: must be a finite number >= 0"),
+    ({"gamma": np.nan}, "gamma: must be a finite number >= 0"),
+]
+
+
+@pytest.mark.parametrize(("options", "message"), REFUSED)
 def test_refuses(panda, options, message):
     with pytest.raises(InputError, match=message):
         DangerField(**{"robot": panda, "points": POINTS} | options)

@@ -85,18 +85,18 @@ def _mesh():
     return mesh
 
 
-@pytest.mark.parametrize(
-    ("shape", "volume"),
-    [
-        (coal.Box(1.0, 2.0, 3.0), 6.0),
-        (coal.Sphere(0.5), np.pi / 6),
-        (coal.Cylinder(0.5, 2.0), np.pi / 2),
-        (coal.Capsule(0.5, 2.0), np.pi / 2 + np.pi / 6),
-        (coal.Cone(0.5, 3.0), np.pi / 4),
-        (_mesh(), 6.0),
-        (_mesh().convex, 6.0),
-    ],
-)
+VOLUMES = [
+    (coal.Box(1.0, 2.0, 3.0), 6.0),
+    (coal.Sphere(0.5), np.pi / 6),
+    (coal.Cylinder(0.5, 2.0), np.pi / 2),
+    (coal.Capsule(0.5, 2.0), np.pi / 2 + np.pi / 6),
+    (coal.Cone(0.5, 3.0), np.pi / 4),
+    (_mesh(), 6.0),
+    (_mesh().convex, 6.0),
+]
+
+
+@pytest.mark.parametrize(("shape", "volume"), VOLUMES)
 def test_tessellated_shapes_are_closed_and_face_outwards(shape, volume):
     assert _volume(*tessellate(shape)) == pytest.approx(volume, rel=0.03)
 
@@ -205,15 +205,15 @@ def test_of_many_paths_two_are_large(planar, scene, tmp_path):
 # ------------------------------------------------------------------------------------------------- bad input
 
 
-@pytest.mark.parametrize(
-    ("path", "size", "message"),
-    [
-        (np.empty((0, 2)), SMALL, "at least one configuration"),
-        (np.zeros((3, 5)), SMALL, r"shape \(any, 2\), got \(3, 5\)"),
-        (np.array([[0.0, np.nan]]), SMALL, "finite"),
-        (PATH, (0, 72), "at least 1 pixel"),
-    ],
-)
+UNDRAWABLE = [
+    (np.empty((0, 2)), SMALL, "at least one configuration"),
+    (np.zeros((3, 5)), SMALL, r"shape \(any, 2\), got \(3, 5\)"),
+    (np.array([[0.0, np.nan]]), SMALL, "finite"),
+    (PATH, (0, 72), "at least 1 pixel"),
+]
+
+
+@pytest.mark.parametrize(("path", "size", "message"), UNDRAWABLE)
 def test_a_path_that_cannot_be_drawn_says_why(planar, path, size, message):
     with pytest.raises(InputError, match=message):
         render_path(planar, Scene(), path, size=size)

@@ -49,15 +49,15 @@ def test_bounds_of_the_distance_of_a_simplex(rng, corners, away):
             assert upper == -np.inf
 
 
-@pytest.mark.parametrize(
-    ("simplex", "point"),
-    [
-        ([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], (0, 0, 0)),
-        ([[0, 0, 1]] * 4, (0, 0, 1)),
-        ([[-1, 0, 1], [0, 0, 1], [1, 0, 1], [2, 0, 1]], (0, 0, 1)),
-        ([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], (0, 0, 1)),
-    ],
-)
+FLAT = [
+    ([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], (0, 0, 0)),
+    ([[0, 0, 1]] * 4, (0, 0, 1)),
+    ([[-1, 0, 1], [0, 0, 1], [1, 0, 1], [2, 0, 1]], (0, 0, 1)),
+    ([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], (0, 0, 1)),
+]
+
+
+@pytest.mark.parametrize(("simplex", "point"), FLAT)
 def test_simplices_about_the_origin_and_flat_ones(simplex, point):
     lower, upper = hull(np.array(simplex, dtype=float)).distance_bounds(0, 1, (0.3, 0.2, 1.0), np.inf, -np.inf)
     np.testing.assert_allclose(nearest(simplex), point, atol=1e-15)

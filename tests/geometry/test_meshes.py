@@ -99,18 +99,18 @@ FACET = "facet normal 0 0 0\nouter loop\n" + 3 * "vertex {:g} {:g} {:g}\n" + "en
 STL = "solid a\n" + "".join(FACET.format(*CORNERS[list(face)].ravel()) for face in FACES) + "endsolid a\n"
 
 
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("a.ply", PLY.format("ascii") + ROWS),
-        ("a.ply", BINARY_PLY),
-        ("a.stl", STL),
-        ("a.stl", STL.replace("\n", "\r\n")),
-        ("a.stl", STL.replace("solid a", "solid solid") + STL),
-        ("a.obj", OBJ),
-        ("a.obj", f"o first\n{OBJ}o second\n" + OBJ.partition("f ")[0] + "f -8 -7 -6\n"),
-    ],
-)
+READ = [
+    ("a.ply", PLY.format("ascii") + ROWS),
+    ("a.ply", BINARY_PLY),
+    ("a.stl", STL),
+    ("a.stl", STL.replace("\n", "\r\n")),
+    ("a.stl", STL.replace("solid a", "solid solid") + STL),
+    ("a.obj", OBJ),
+    ("a.obj", f"o first\n{OBJ}o second\n" + OBJ.partition("f ")[0] + "f -8 -7 -6\n"),
+]
+
+
+@pytest.mark.parametrize(("name", "content"), READ)
 def test_other_forms_are_read_as_they_stand(tmp_path, name, content):
     file = tmp_path / name
     file.write_bytes(content if isinstance(content, bytes) else content.encode())
@@ -120,57 +120,49 @@ def test_other_forms_are_read_as_they_stand(tmp_path, name, content):
 UNREAD = {"convex_mesh": '<convex_mesh convex_hull_of="#block"/>', "skew": "<skew>45 1 0 0 0 1 0</skew>"}
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        *(
-            ("a.dae", {"asset": HEAD + unit}, f"<unit> has meter={value}; it must be a positive number")
-            for unit, value in [
-                ('<unit meter="0,01"/>', "'0,01'"),
-                ('<unit meter="-1"/>', "'-1'"),
-                ('<unit meter="nan"/>', "'nan'"),
-                ('<unit meter="inf"/>', "'inf'"),
-            ]
-        ),
-        ("a.dae", {"asset": "<up_axis>UP</up_axis>"}, "<up_axis> is 'UP'; it must be one of X_UP, Y_UP, Z_UP"),
-        (
-            "a.dae",
-            {"asset": HEAD + '<unit meter="1"/>', "nodes": node('<asset><unit meter="0.1"/></asset>')},
-            r"parts of it have units or axes of their own \(1 and 0.1\)",
-        ),
-        ("a.dae", {"nodes": node(UNREAD["skew"])}, "<skew> cannot be read"),
-        (
-            "a.dae",
-            {"more": f'<library_geometries><geometry id="c">{UNREAD["convex_mesh"]}</geometry></library_geometries>'},
-            "<convex_mesh> cannot be read",
-        ),
-        ("a.dae", {"shape": f'{TRIANGLES}<trifans count="1">{INPUT}<p>0 1 2 3</p></trifans>'}, "<trifans> cannot"),
-        ("a.dae", {"nodes": NODE + '<node><instance_controller url="#c"/></node>'}, "<instance_controller> cannot"),
-        ("a.dae", {"nodes": NODE + '<node><instance_geometry url="#c"/></node>'}, "refers to '#c', which it does not"),
-        ("a.dae", {"nodes": NODE + '<node><instance_node url="b.dae#n"/></node>'}, "refers to 'b.dae#n', which it"),
-        ("a.dae", {"nodes": NODE + BLOCK}, "<instance_geometry> must be in a <node>"),
-        ("a.dae", {"nodes": ""}, "has no triangles"),
-        ("a.dae", "<COLLADA>", "not well-formed XML"),
-        ("a.dae", "<!DOCTYPE c [<!ENTITY e 'x'>]><c>&e;</c>", "must not declare entities"),
-        ("a.ply", BINARY_PLY[:-20], "cannot be read as PLY: .*early end-of-file"),
-        ("a.ply", PLY.format("ascii") + ROWS[:-20], "cannot be read as PLY"),
-        (
-            "a.ply",
-            PLY.format("ascii") + ROWS.replace("3 1 7 3\n", "3 1 9 3\n"),
-            "a face has a vertex that there is not",
-        ),
-        ("a.ply", PLY.format("ascii").replace("face", "tristrips") + ROWS, "tristrips.* cannot be read"),
-        (
-            "a.ply",
-            PLY.format("ascii").replace("face 12", "face 0") + ROWS,
-            "no triangles; points alone are a pointcloud",
-        ),
-        ("a.stl", STL[: len(STL) // 2], "is cut off: 1 solids begin in it, and 0 end"),
-        ("a.obj", OBJ + "surf 0 1 0 1 1 2 3 4\n", "the statement 'surf' cannot be read"),
-        ("a.obj", OBJ + "  call other.obj\n", "the statement 'call' cannot be read"),
-        ("a.obj", OBJ.partition("f ")[0], "no triangles; points alone are a pointcloud"),
-    ],
-)
+NOT_READ = [
+    *(
+        ("a.dae", {"asset": HEAD + unit}, f"<unit> has meter={value}; it must be a positive number")
+        for unit, value in [
+            ('<unit meter="0,01"/>', "'0,01'"),
+            ('<unit meter="-1"/>', "'-1'"),
+            ('<unit meter="nan"/>', "'nan'"),
+            ('<unit meter="inf"/>', "'inf'"),
+        ]
+    ),
+    ("a.dae", {"asset": "<up_axis>UP</up_axis>"}, "<up_axis> is 'UP'; it must be one of X_UP, Y_UP, Z_UP"),
+    (
+        "a.dae",
+        {"asset": HEAD + '<unit meter="1"/>', "nodes": node('<asset><unit meter="0.1"/></asset>')},
+        r"parts of it have units or axes of their own \(1 and 0.1\)",
+    ),
+    ("a.dae", {"nodes": node(UNREAD["skew"])}, "<skew> cannot be read"),
+    (
+        "a.dae",
+        {"more": f'<library_geometries><geometry id="c">{UNREAD["convex_mesh"]}</geometry></library_geometries>'},
+        "<convex_mesh> cannot be read",
+    ),
+    ("a.dae", {"shape": f'{TRIANGLES}<trifans count="1">{INPUT}<p>0 1 2 3</p></trifans>'}, "<trifans> cannot"),
+    ("a.dae", {"nodes": NODE + '<node><instance_controller url="#c"/></node>'}, "<instance_controller> cannot"),
+    ("a.dae", {"nodes": NODE + '<node><instance_geometry url="#c"/></node>'}, "refers to '#c', which it does not"),
+    ("a.dae", {"nodes": NODE + '<node><instance_node url="b.dae#n"/></node>'}, "refers to 'b.dae#n', which it"),
+    ("a.dae", {"nodes": NODE + BLOCK}, "<instance_geometry> must be in a <node>"),
+    ("a.dae", {"nodes": ""}, "has no triangles"),
+    ("a.dae", "<COLLADA>", "not well-formed XML"),
+    ("a.dae", "<!DOCTYPE c [<!ENTITY e 'x'>]><c>&e;</c>", "must not declare entities"),
+    ("a.ply", BINARY_PLY[:-20], "cannot be read as PLY: .*early end-of-file"),
+    ("a.ply", PLY.format("ascii") + ROWS[:-20], "cannot be read as PLY"),
+    ("a.ply", PLY.format("ascii") + ROWS.replace("3 1 7 3\n", "3 1 9 3\n"), "a face has a vertex that there is not"),
+    ("a.ply", PLY.format("ascii").replace("face", "tristrips") + ROWS, "tristrips.* cannot be read"),
+    ("a.ply", PLY.format("ascii").replace("face 12", "face 0") + ROWS, "no triangles; points alone are a pointcloud"),
+    ("a.stl", STL[: len(STL) // 2], "is cut off: 1 solids begin in it, and 0 end"),
+    ("a.obj", OBJ + "surf 0 1 0 1 1 2 3 4\n", "the statement 'surf' cannot be read"),
+    ("a.obj", OBJ + "  call other.obj\n", "the statement 'call' cannot be read"),
+    ("a.obj", OBJ.partition("f ")[0], "no triangles; points alone are a pointcloud"),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "message"), NOT_READ)
 def test_what_would_not_be_read_is_refused(tmp_path, name, content, message):
     """By Assimp these are read in part, in the wrong size or place, or end the process."""
     file = tmp_path / name
@@ -225,14 +217,14 @@ def test_units_of_a_robots_meshes_count_and_its_links_have_the_axes(edited, tmp_
     assert caplog.text.count(said) == (up != "Z_UP")
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("hand.dae", {"nodes": node(UNREAD["skew"])}, "hand.dae: <skew> cannot be read"),
-        ("hand.ply", BINARY_PLY[:-20], "hand.ply cannot be read as PLY"),
-        ("hand.glb", b"glTF", "hand.glb cannot be read as a mesh; convert it to one of .stl, .obj, .dae, .ply"),
-    ],
-)
+NOT_READ_OF_ROBOTS = [
+    ("hand.dae", {"nodes": node(UNREAD["skew"])}, "hand.dae: <skew> cannot be read"),
+    ("hand.ply", BINARY_PLY[:-20], "hand.ply cannot be read as PLY"),
+    ("hand.glb", b"glTF", "hand.glb cannot be read as a mesh; convert it to one of .stl, .obj, .dae, .ply"),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "message"), NOT_READ_OF_ROBOTS)
 def test_a_robots_mesh_that_would_not_be_read_is_refused(edited, tmp_path, name, content, message):
     if isinstance(content, dict):
         collada(tmp_path / name, **content)

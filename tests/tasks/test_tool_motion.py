@@ -183,13 +183,13 @@ def test_a_turn_and_back_between_the_ends_is_seen():
     assert proof.at == pytest.approx(path.length / 2)
 
 
-@pytest.mark.parametrize(
-    ("end", "obstacle", "words"),
-    [
-        (at(1.5, 0.2, 0.4), None, "its tip there|singular|limit"),
-        (at(0.4, 0.2, 0.4), Obstacle("wall", Box([0.3, 0.02, 0.8]), Pose((0.45, 0.0, 0.4))), "'?wall"),
-    ],
-)
+WHY_NONE = [
+    (at(1.5, 0.2, 0.4), None, "its tip there|singular|limit"),
+    (at(0.4, 0.2, 0.4), Obstacle("wall", Box([0.3, 0.02, 0.8]), Pose((0.45, 0.0, 0.4))), "'?wall"),
+]
+
+
+@pytest.mark.parametrize(("end", "obstacle", "words"), WHY_NONE)
 def test_why_there_is_none(end, obstacle, words):
     robot = Robot.from_example("panda")
     found = tool_motion(ToolPath.line(at(0.4, -0.2, 0.4), end), robot, Scene([obstacle] if obstacle else []))

@@ -87,18 +87,18 @@ def test_poses_of_scipy():
     )
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: ToolPath.line(START, START), "segment 0 has no length"),
-        (lambda: ToolPath.arc(START, (START.translation + END.translation) / 2, END), "must not be on a line"),
-        (lambda: ToolPath.of("a path"), "path"),
-        (lambda: ToolPath.of([START]), "path: must be a sequence of 2 poses or more"),
-        (lambda: ToolPath.of([START, np.eye(3)]), r"path\[1\]: must have shape \(4, 4\)"),
-        (lambda: ToolPath.of([START, 2 * np.eye(4)]), r"path\[1\]: must be a pose"),
-        (lambda: ToolPath.polyline([START, END], blend=-1.0), "blend"),
-    ],
-)
+NO_PATHS = [
+    (lambda: ToolPath.line(START, START), "segment 0 has no length"),
+    (lambda: ToolPath.arc(START, (START.translation + END.translation) / 2, END), "must not be on a line"),
+    (lambda: ToolPath.of("a path"), "path"),
+    (lambda: ToolPath.of([START]), "path: must be a sequence of 2 poses or more"),
+    (lambda: ToolPath.of([START, np.eye(3)]), r"path\[1\]: must have shape \(4, 4\)"),
+    (lambda: ToolPath.of([START, 2 * np.eye(4)]), r"path\[1\]: must be a pose"),
+    (lambda: ToolPath.polyline([START, END], blend=-1.0), "blend"),
+]
+
+
+@pytest.mark.parametrize(("make", "words"), NO_PATHS)
 def test_what_is_no_path_is_refused(make, words):
     with pytest.raises(InputError, match=words):
         make()
