@@ -157,14 +157,14 @@ def test_pages_are_what_the_files_say():
 
 
 def test_every_bench_is_measured_for_the_pages():
-    commands = [each.command.replace("DATA", "data").split() for each in every.MEASUREMENTS.values()]
+    commands = [each.command.replace("DATA", "data").split() for each in every.listed().values()]
     assert {name for name, *_ in commands} == set(names()) - {"all", "fresh", "pages", "same"}
     for name, *words in commands:
         _harness.parser_of(name).parse_args(words)
 
 
 def test_what_was_measured_of_this_code_is_kept(tmp_path, capsys):
-    one = Measurement("one", "What danger costs.", "field --rounds 1", 1.0)
+    one = Measurement("one", 1, True, "field --rounds 1")
     others = [
         one._replace(name="two", command="field --no-such-option"),
         one._replace(name="three", command="live DATA"),
@@ -188,7 +188,7 @@ def test_a_page_shows_counts_and_the_last_rows_of_long_tables():
     found = {"command": "c", "date": "d", "seconds": 3, "failed": False, "figures": {"n": 3}}
     found["counted"] = [["edges", 7, 0, 1]]
     found["tables"] = [{"title": "", "header": ["x", "y"], "rows": [["a", 1], ["all", 2]]}]
-    text = every.page({"edges": found})
+    text = every.pages({"edges": found})[every.KEPT.with_suffix(".md")]
     assert "| edges | 7 | 0 | 1 |" in text
     assert "| all | 2 |" in text
     assert "| a | 1 |" not in text
