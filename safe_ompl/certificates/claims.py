@@ -278,7 +278,7 @@ class ClaimedMotion(Section):
         if claimed != sorted(claimed, reverse=True):
             raise InputError("needs velocities, and a jerk accelerations besides", "acceleration")
         if claimed[0] and not self.rated:
-            raise InputError("needs a motion in time, without slack", "velocity")
+            raise InputError("needs a timed motion without slack", "velocity")
 
     @property
     def lasts(self) -> float | None:
@@ -334,7 +334,7 @@ class ClaimedTrajectory(ClaimedMotion):
             raise InputError("must be false: times are those of the time law", "timed")
         for name in ("slack", "rounding"):
             if getattr(self, name) is not None:
-                raise InputError("must be none where there is a time law", name)
+                raise InputError("must be left out if there is a time law", name)
         for name in ("velocity", "acceleration"):
             if getattr(self, name) is None:
                 raise InputError("missing", name)
@@ -417,7 +417,7 @@ class ClaimedStretch(Section):
             if self.tube is not None:
                 raise InputError("is claimed of paths and polynomials, and not of a trajectory", "tube")
             if self.motion.timed:
-                raise InputError("must not be in time where a trajectory is", "motion")
+                raise InputError("must not be timed if a trajectory is given", "motion")
 
     def required(self, obstacle: str) -> float:
         """Return the distance that moving links must keep from the pose of an obstacle in the scene [m]."""

@@ -143,7 +143,7 @@ def certificate(
     """
     points = robot.way_points(path)
     if not len(points):
-        raise InputError("path must have a configuration at least, got none")
+        raise InputError("path must have at least one configuration, got none")
     wanted: Claims = document.section("claims", claims, Claims)
     motion = Motion.through(points).for_robot(robot)
     spacing = wanted.spacing or scene.spacing
@@ -359,7 +359,7 @@ def _limits(proof: MotionProver, spacing: float) -> dict[str, Any]:
             tool["position"] = limit.as_dict()
         else:
             name = getattr(limit, "name", type(limit).__name__)
-            raise InputError(f"no certificate has a claim of {name!r}, or of a second one of its kind", "limits")
+            raise InputError(f"certificates cannot state {name!r}, or a second limit of its kind", "limits")
     return {**found, **({"tool": tool} if tool else {})}
 
 
@@ -400,7 +400,7 @@ def program_certificate(
         with within(f"stretch {k}", ": "):
             if abs(start - end) > _SAME_TIME and check.motion.timed:
                 words = f"stretch {k} begins at {start:.6f} s, but the one before ends at {end:.6f} s"
-                raise PlanningError(f"the stretches are proven, but not one program: {words}")
+                raise PlanningError(f"each stretch is proven, but they are not one program: {words}")
             end = start + check.motion.duration
             claims = {**_claims_of(check), **({"step": steps[k]} if steps else {}), **_changes(cell, check)}
             said.append(_stretch(claims, check.motion))
@@ -448,7 +448,7 @@ def _check_same(robot: Robot, scene: Scene, check: MotionCheck, number: int) -> 
         if getattr(item, "weight", None) != getattr(other, "weight", None):
             why = why or f"{name!r} is not as dangerous as in the stretch before"
     if why:
-        raise PlanningError(f"the stretches are proven, but not one program: stretch {number}: {why}")
+        raise PlanningError(f"each stretch is proven, but they are not one program: stretch {number}: {why}")
 
 
 def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> AskedTerms:

@@ -59,7 +59,7 @@ class SceneGeometry:
             if after.name not in self.movable:
                 raise InputError(f"{after.name!r} is not movable; those are: {sorted(self.movable)}")
             if not before.same_but_for_place(after):
-                raise InputError(f"{after.name!r} may move, but not become another: {before!r} to {after!r}")
+                raise InputError(f"{after.name!r} may only be moved, but not changed: {before!r} to {after!r}")
             moves.append((k, after, [] if after.shape == before.shape else self._remeasured_parts(k, after)))
         return moves
 

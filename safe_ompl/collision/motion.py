@@ -232,7 +232,7 @@ class MotionProver:
         """
         curve: Curve = tuple(finite_array(coefficients, (None, self.checker.robot.n), "coefficients of a motion"))
         if len(curve) < 2:
-            raise InputError("a motion must have a start and a way at least, got one coefficient")
+            raise InputError("a motion must have at least two coefficients, got one")
         outside = self.checker.robot.joint_limits.left_by(curve)
         if outside is not None:
             joint, at = outside

@@ -47,7 +47,7 @@ def without_robot(scene: Scene, robot: Robot, q: ArrayLike, margin: float) -> Sc
             continue
         points = obstacle.shape.centres
         own = robot_points(placed(obstacle.pose.se3, points), robot, q, margin)
-        _log.info("%s: %d of %d points are of the robot, and left out", obstacle.name, own.sum(), len(own))
+        _log.info("%s: %d of %d points belong to the robot and are left out", obstacle.name, own.sum(), len(own))
         if not own.any():
             obstacles.append(obstacle)
         elif not own.all():

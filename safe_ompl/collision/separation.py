@@ -52,11 +52,13 @@ class MinClearance:
             if link not in checker.links:
                 raise UnknownNameError("link", link, sorted(set(checker.links)))
             if scene[obstacle].name not in chosen:
-                raise InputError(f"{link!r} is exempt from keeping a distance to {obstacle!r}, which is not asked for")
+                raise InputError(
+                    f"{link!r} is exempt from keeping a distance to {obstacle!r}, which has no min clearance"
+                )
         if not distance:
             return None
         if not chosen:
-            raise InputError("min clearance: no obstacle has a danger weight > 0; name those to keep it from")
+            raise InputError("min clearance: no obstacle has a danger weight > 0; name the obstacles")
         free = frozenset((link, obstacle) for link, obstacle in exempt)
         moving = {link for link, body in zip(checker.links, bodies, strict=False) if body.parentJoint != 0}
         for obstacle in chosen:

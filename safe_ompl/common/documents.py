@@ -155,7 +155,7 @@ def instance(name: str, value: Any, kind: type[_Kind]) -> _Kind:
 def line(key: str, value: Any) -> str:
     """Return `value` as one line of text, or raise InputError; control characters would garble a terminal."""
     if not isinstance(value, str) or not value.strip() or not value.isprintable() or len(value) > _LONGEST_LINE:
-        raise InputError(f"must be text of one line that can be printed, got {shown(value)}", key)
+        raise InputError(f"must be text on one line without control characters, got {shown(value)}", key)
     return value
 
 
@@ -170,7 +170,7 @@ def one_of(key: str, value: Any, known: Iterable[Any]) -> Any:
 def sha(key: str, value: Any) -> str:
     """Return `value` as a SHA-256 of 64 lowercase hexadecimal digits, or raise InputError."""
     if not isinstance(value, str) or len(value) != 64 or not set(value) <= set("0123456789abcdef"):
-        raise InputError(f"must be a SHA-256, got {shown(value)}", key)
+        raise InputError(f"must be a SHA-256 digest of 64 hexadecimal digits, got {shown(value)}", key)
     return value
 
 
@@ -242,7 +242,7 @@ def array(key: str, value: Any, *, ndim: int = 1) -> FloatArray:
     if not isinstance(value, (list, tuple)) or not all(isinstance(row, (list, tuple)) for row in rows):
         raise InputError(f"must be {'lists' if ndim > 1 else 'a list'} of numbers", key)
     if len({len(row) for row in rows}) > 1:
-        raise InputError("must have rows of one length", key)
+        raise InputError("must have rows of equal length", key)
     if not all(_is_finite(item) for row in rows for item in row):
         raise InputError("must be numbers, all of them finite", key)
     # NumPy cannot infer the second dimension of an empty list, so the shape (0, 0) is given.
@@ -304,7 +304,7 @@ def mapping(key: str, value: Any, valid: Iterable[str] | None = None) -> dict[st
         raise InputError(f"must be a mapping of keys to values, got {described(value)}", key)
     for name in value:
         if not (isinstance(name, str) and name.isprintable()):
-            raise InputError(f"the key {shown(name)} must be text that can be printed", key)
+            raise InputError(f"the key {shown(name)} must be printable text", key)
     if valid is not None:
         with within(key):
             check_keys(value, valid)
@@ -372,7 +372,7 @@ def plain(key: str, value: Any, depth: int = _DEEPEST) -> Any:
         return value
     if isinstance(value, str) and value.isprintable():
         return value
-    raise InputError(f"must be plain data, got {described(value)}", key)
+    raise InputError(f"must be a number, text, true, false, null, a list or a mapping, got {described(value)}", key)
 
 
 # ------------------------------------------------------------------------------------------ files that a document names

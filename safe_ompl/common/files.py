@@ -134,7 +134,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
         raise InputError(f"cannot be read ({error.strerror or error})", str(path)) from None
     # NumPy raises RuntimeError for an archive with a password.
     except (*MALFORMED, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error):
-        raise InputError("is no archive of arrays of numbers and text (NPZ)", str(path)) from None
+        raise InputError("is not an NPZ archive of arrays of numbers and text", str(path)) from None
 
 
 def _line_of(content: str, message: str) -> int | None:

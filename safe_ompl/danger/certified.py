@@ -220,7 +220,7 @@ class PeakSearch:
         robot = field.robot
         points = robot.way_points(path)
         if not len(points):
-            raise InputError("path must have a configuration at least, got none")
+            raise InputError("path must have at least one configuration, got none")
         _check_strokes(robot, points)
         # All steps of the proof must use the same danger points.
         field = field.frozen()
@@ -372,5 +372,5 @@ def _check_strokes(robot: Robot, path: FloatArray) -> None:
             value, low, high = told_apart(q[i], robot.lower[i], robot.upper[i])
             which = robot.joint_names[i]
             raise InputError(
-                f"joint {which!r} = {value} is outside its limits [{low}, {high}]: nothing is proven of it there"
+                f"joint {which!r} = {value} is outside its limits [{low}, {high}]: nothing can be proven there"
             )

@@ -117,7 +117,9 @@ class DangerField:
     ) -> None:
         chosen = DangerKind(**kind)
         if not len(robot.segments) and np.size(points):
-            raise InputError(f"{robot.name!r} has no link of any length for a danger; give a tip beyond its joints")
+            raise InputError(
+                f"{robot.name!r} has no link with a length, so it has no danger field; give a tip beyond its joints"
+            )
         self.robot = robot
         self.aggregate, self.weighting, self.sharpness = chosen.aggregate, chosen.weighting, chosen.sharpness
         self.k1, self.gamma = chosen.k1, chosen.gamma
@@ -150,7 +152,7 @@ class DangerField:
     ) -> DangerField:
         """Return the field of a scene with a user's options, as `danger` of `SafeSetup`; InputError if one is bad."""
         if not isinstance(options, Mapping):
-            raise InputError(f"danger must be a mapping of options, or None for none, got {options!r}")
+            raise InputError(f"danger must be a mapping of options, or None for no danger field, got {options!r}")
         with documents.within("danger"):
             documents.check_keys(options, ("spacing", *DangerKind.__dataclass_fields__))
         return cls.of_scene(robot, scene, counts=counts, **options)
@@ -161,7 +163,7 @@ class DangerField:
         Raises InputError if the field was not made by `of_scene`.
         """
         if self._scene is None:
-            raise InputError("this field knows points, not a scene; DangerField.of_scene makes one that can move")
+            raise InputError("this field was made of points; only a field of DangerField.of_scene can follow a scene")
         before, spacing = self._scene
         dangerous = [[obstacle for obstacle in one if obstacle.weight > 0] for one in (before, scene)]
         self._scene = scene, spacing

@@ -76,7 +76,7 @@ class ViewerContent:
         paths = {name: finite_array(way, (None, self.robot.n), name) for name, way in {**self.paths, **moved}.items()}
         for name, way in paths.items():
             if not len(way):
-                raise InputError("must have a configuration at least, got none", f"path of {name}")
+                raise InputError("must have at least one configuration, got none", f"path of {name}")
         still = np.clip(np.zeros(self.robot.n), self.robot.lower, self.robot.upper)
         posture = still if self.posture is None else finite_array(self.posture, (self.robot.n,), "posture")
         object.__setattr__(self, "paths", paths)
@@ -129,7 +129,7 @@ class ViewerContent:
         """
         for result in results:
             if result.robot is None or result.scene is None:
-                raise InputError(f"the result of {result.planner} does not know its robot and scene")
+                raise InputError(f"the result of {result.planner} has no robot and scene")
         robot, scene = _common([(r.robot, r.scene) for r in results], "result")
         solved = [(r.planner, f"seed {r.seed}", r.path) for r in results if r.path is not None]
         return cls(robot, scene, _by_name(solved), posture, results[0].danger, title=title)
@@ -386,7 +386,7 @@ def read_recording(
     header, ticks = read(file)
     with document.within(str(file), ": "):
         if len(ticks) < 2:
-            raise InputError(f"must have two ticks at least, got {len(ticks)}")
+            raise InputError(f"must have at least two ticks, got {len(ticks)}")
         if robot is None:
             with document.within("robot", ": "):
                 robot = built_robot(document.require(header, "robot"), package_dirs=package_dirs)

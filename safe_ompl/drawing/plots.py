@@ -210,7 +210,7 @@ def plot_speeds(
     t, s = curve(times, "times"), curve(speeds, "speeds")
     velocity_limits = {name: np.asarray(values, dtype=float) for name, values in bounds.items()}
     if {len(s), len(binding), *map(len, velocity_limits.values())} != {len(t)}:
-        raise InputError(f"times, speeds, bounds and binding must be equally many, got {len(t)} times")
+        raise InputError(f"times, speeds, bounds and binding must have equal numbers of entries, got {len(t)} times")
     with page(file, *SIZE, dpi, arranged=False) as figure:
         axes = figure.add_axes(AXES)
         used = _draw_speeds(axes, t, s, velocity_limits, binding)

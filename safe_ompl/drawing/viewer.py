@@ -74,7 +74,7 @@ def view(
     """
     if isinstance(shown, Trajectory):
         if robot is None:
-            raise InputError("a Trajectory does not know its robot: give robot=, and scene=", "view")
+            raise InputError("a Trajectory does not contain its robot: give robot= and scene=", "view")
         shown = MotionRecord.of(shown, CarriedProblem(robot, Scene() if scene is None else scene, None))
     if isinstance(shown, MotionRecord):
         shown = ViewerContent.of_motions([shown])

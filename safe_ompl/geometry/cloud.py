@@ -219,7 +219,7 @@ def _finite(points: FloatArray, key: str) -> FloatArray:
         why = f": none of {len(points)} points is finite" if dropped else ""
         raise InputError(f"the point cloud is empty{why}", key)
     if dropped:
-        _log.info("%s: %d of %d points are NaN or infinite, and left out", key, dropped, len(points))
+        _log.info("%s: %d of %d points are NaN or infinite and are left out", key, dropped, len(points))
     kept = points[finite]
     far = np.abs(kept).max(axis=1)
     if far.max() > LONGEST:
@@ -353,7 +353,7 @@ def _read_ply(file: Path) -> FloatArray:
         for element in content.elements:
             if element.name in PLY_SURFACES and element.count:
                 raise InputError(
-                    f"{file} holds a surface ({element.name}), of which a pointcloud would keep the vertices alone: "
+                    f"{file} holds a surface ({element.name}), but a pointcloud uses its vertices only: "
                     "give it as a mesh"
                 )
         try:

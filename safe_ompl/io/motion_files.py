@@ -92,7 +92,7 @@ def read_motion(
     if path.suffix.lower() not in FORMS:
         raise InputError(f"must be a motion, with one of the endings {', '.join(FORMS)}", str(file))
     if degrees and robot is None:
-        raise InputError("need the robot, which knows the joints that turn", "degrees")
+        raise InputError("need the robot, to know which joints are revolute", "degrees")
     motion = FORMS[path.suffix.lower()].read(path, joints, ignore)
     with document.within(str(file), ": "):
         return motion if robot is None else motion.for_robot(robot, degrees)
@@ -118,7 +118,7 @@ def read_log(file: str | Path) -> tuple[Motion, Motion]:
         parts = [found for name in columns if (found := _LOGGED.fullmatch(name))]
         names = tuple(dict.fromkeys(found[1] for found in parts))
         if not names:
-            raise InputError("must be <joint>_commanded and <joint>_measured, got none", "columns")
+            raise InputError("must contain columns <joint>_commanded and <joint>_measured, got none", "columns")
         times = document.require(columns, "time")
         tables = ([document.require(columns, f"{name}_{what}") for name in names] for what in ("commanded", "measured"))
         commanded, measured = (Motion.hermite(times, np.transpose(table), names=names) for table in tables)
@@ -152,12 +152,12 @@ def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -
     held[:, : back.degree + 1] -= back.coefficients
     if motion.degree > 5 or np.abs(held).max() > _SAME:
         raise InputError(
-            "holds way points, and these cannot hold this motion: its degree is above 5, or its velocities or "
+            "holds way points, which cannot represent this motion: its degree is above 5, or its velocities or "
             "accelerations jump; give a file of ours (.json)",
             str(file),
         )
     if motion.joint_names is None and ending != ".npz":
-        raise InputError("needs the names of the joints, which the motion lacks", str(file))
+        raise InputError("needs the names of the joints, but the motion has none", str(file))
     return write(points), back
 
 
@@ -197,7 +197,7 @@ def _from_points(points: Mapping[str, Any]) -> Motion:
     if points.get("times") is not None:
         return Motion.hermite(points["times"], positions, velocities, accelerations, names)
     if velocities is not None or accelerations is not None:
-        raise InputError("are missing, but needed where there are velocities or accelerations", "times")
+        raise InputError("are missing, but velocities and accelerations need times", "times")
     return Motion.through(positions, names=names)
 
 
@@ -270,7 +270,7 @@ def _from_array(path: Path, names: Sequence[str] | None, ignored: Sequence[str])
         values = None
     with document.within(str(path), ": "):
         if values is None or values.ndim != 2:
-            raise InputError("must be one array of numbers (N, m)")
+            raise InputError("must be an array of numbers with two dimensions (N, m)")
         if names is None:
             return _without(Motion.through(values), ignored)
         if len(names) != values.shape[1]:
@@ -281,7 +281,7 @@ def _from_array(path: Path, names: Sequence[str] | None, ignored: Sequence[str])
 
 def _refuse_names(names: Sequence[str] | None) -> None:
     if names is not None:
-        raise InputError(f"names its columns itself; leave out {listed(names)}", "joints")
+        raise InputError(f"already names its columns; leave out {listed(names)}", "joints")
 
 
 # ---------------------------------------------------------------------------------------------------- documents
@@ -330,7 +330,7 @@ def motion_of_document(content: Any) -> Motion:
         if isinstance(inner, Mapping):
             others = content.get("multi_dof_joint_trajectory")
             if isinstance(others, Mapping) and others.get("points"):
-                raise InputError("must be empty: joints of several axes are not known", "multi_dof_joint_trajectory")
+                raise InputError("must be empty: multi-DOF joints are not supported", "multi_dof_joint_trajectory")
             with document.within(key, ": "):
                 return motion_of_document(inner)
     if not {"joint_names", "points"} <= set(content):
@@ -401,13 +401,13 @@ def _from_message(content: Mapping[str, Any]) -> Motion:
             document.require(held, "positions")
             times.append(_seconds(held.get("time_from_start")))
             if k and (times[0] is None) != (times[k] is None):
-                raise InputError("must be there in all points, or in none", "time_from_start")
+                raise InputError("must be given in all points or in none", "time_from_start")
             for key, found in rows.items():
                 values = held.get(key)
                 is_there = key == "positions" or values not in (None, [])
                 found.append(document.numbers(key, values, len(names)) if is_there else None)
     if not times:
-        raise InputError("must be two at least, got 0", "points")
+        raise InputError("must be at least two, got 0", "points")
     rates = [None if not any(rows[key]) else rows[key] for key in _RATES]
     values = [names, None if times[0] is None else times, rows["positions"], *rates]
     return _from_points(dict(zip(_POINTS, values, strict=True)))

@@ -39,11 +39,11 @@ def read_table(
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"cannot be read as a table: {error}", str(file)) from None
     if not rows:
-        raise InputError("is empty; the first line must name the joints", str(file))
+        raise InputError("is empty: the first line must name the joints", str(file))
     first = rows[0][1]
     if not any(_is_number(cell) for cell in first):
         if names is not None:
-            raise InputError(f"names its columns itself; leave out {listed(names)}", f"{file}: joints")
+            raise InputError(f"already names its columns; leave out {listed(names)}", f"{file}: joints")
         names, rows = first, rows[1:]
     elif names is None:
         raise InputError(
@@ -132,7 +132,7 @@ class MotionRecord:
     def __post_init__(self) -> None:
         count = len(self.motion.times)
         if not self.motion.timed or self.motion.times[0] != 0.0:
-            raise InputError("must be in time, from 0 on", "motion")
+            raise InputError("must be timed, with times from 0 on", "motion")
         finite_array(self.speeds, (count,), "speeds")
         for to, values in self.bounds.items():
             float_array(values, (count,), f"bounds by {to}")

@@ -198,7 +198,7 @@ def built_robot(carried: Any, *, package_dirs: Sequence[PackageDir] = ()) -> Rob
     carried = document.section("carried", carried, RobotDocument)
     if carried.recipe is None:
         raise InputError(
-            f"it carries no recipe of its robot {carried.name!r}: give the scenario, or the robot in Python"
+            f"the file does not contain its robot {carried.name!r}: give the scenario, or the robot in Python"
         )
     with TemporaryDirectory(prefix="safe-ompl-") as folder:
         try:
@@ -218,7 +218,7 @@ def built_robot(carried: Any, *, package_dirs: Sequence[PackageDir] = ()) -> Rob
             if isinstance(error, InputError):
                 raise
             why = str(error).partition("\n")[0]
-            raise InputError(f"not a recipe of a robot: {why}", "recipe") from None
+            raise InputError(f"not a description of a robot: {why}", "recipe") from None
 
 
 def _built(spec: RobotSpec, name: str, folder: str, *, given: bool) -> Robot:
@@ -312,7 +312,7 @@ def built_scene(carried: Any) -> Scene:
         except InputError as error:
             raise InputError(str(error).replace(f"{folder}/", "")) from None
         except MemoryError:
-            raise InputError("a file asks for more memory than there is", "files") from None
+            raise InputError("a file needs more memory than the machine has", "files") from None
     if scene.content_hash() != carried.hash:
         raise CertificateError("the scene that it carries is not the one that it was written for")
     return scene

@@ -160,7 +160,7 @@ def unpack(files: Mapping[str, str], folder: Path) -> None:
             raise InputError(f"is not a compressed file in base 64: {error}", name) from None
         room -= len(content)
         if room < 0 or not unpacking.eof:
-            raise InputError(f"is cut, or all files are larger than {_MOST_BYTES} bytes", name)
+            raise InputError(f"is cut off, or all files together exceed {_MOST_BYTES} bytes", name)
         # References of .obj meshes to material files are removed, because the mesh loader would read these files.
         if name.lower().endswith(".obj"):
             content = re.sub(rb"(?im)^[ \t]*mtllib.*$", b"", re.sub(rb"\\[ \t]*\r?\n", b" ", content))

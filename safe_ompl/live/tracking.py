@@ -271,7 +271,7 @@ class Surroundings:
         self.rules = People() if people is None else people
         for name in trackers:
             if name in objects:
-                raise InputError(f"{name!r} is a person and an object: give one of both", "objects")
+                raise InputError(f"{name!r} is both a person and an object: give it as one of them", "objects")
         self.people = {name: PersonTrack(name, how, self.rules) for name, how in trackers.items()}
         self.shapes = {name: scene[name].shape for name in objects}
         kinds = {

@@ -112,7 +112,7 @@ class Constraints:
 def claims_of(motion: MotionProver) -> tuple[str, ...]:
     """Return the claims that the prover proves. Checks of the user are sampled, so they are not included."""
     touched = any(obstacle.touched_by for obstacle in motion.checker.scene)
-    claims = ["collision but for allowed contact" if touched else "collision"]
+    claims = ["no collision except allowed contact" if touched else "no collision"]
     separation = motion.separation
     if separation.margin or separation.min_clearance is not None:
         claims.append("min clearance")

@@ -74,7 +74,7 @@ class ContactLimits:
         self.limbs = tuple(limbs)
         links = sum(inertia.mass for inertia in list(robot.shared.model.inertias)[1:])
         if links <= 0:
-            raise InputError("needs the masses of the robot's links, and the URDF knows none", "people.contact")
+            raise InputError("needs the masses of the robot's links, but the URDF has none", "people.contact")
         regions = [people.region_of(limb) if who in heights else None for who, limb in limbs]
         self.bears, self.bears_clamped = (
             np.array([0.0 if region is None else contact_speed(region, mass) for region in regions])

@@ -40,7 +40,7 @@ def straight(times: ArrayLike | None, points: ArrayLike, name: str) -> Pieces:
     if times is None and len(held) == 1:
         held = np.repeat(held, 2, axis=0)
     if len(held) < 2:
-        raise InputError(f"must be two at least, got {len(held)}", name)
+        raise InputError(f"must be at least two, got {len(held)}", name)
     at = np.arange(float(len(held))) if times is None else _increasing(times, len(held))
     ends = np.stack([held[:-1], held[1:]], axis=1)
     return at, *polynomials.hermite(np.diff(at), ends, None, None)
@@ -102,7 +102,7 @@ def _increasing(times: ArrayLike, count: int | None = None) -> FloatArray:
     if count is not None and len(found) != count:
         raise InputError(f"must be {count}, got {len(found)}", "times")
     if len(found) < 2:
-        raise InputError(f"must be two at least, got {len(found)}", "times")
+        raise InputError(f"must be at least two, got {len(found)}", "times")
     steps = np.diff(found)
     if not (steps >= _LEAST_TIME_STEP).all():
         k = int((steps < _LEAST_TIME_STEP).argmax())

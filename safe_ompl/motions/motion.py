@@ -280,7 +280,7 @@ class Motion:
         if self.joint_names and other.joint_names and self.joint_names != other.joint_names:
             names = ", ".join(self.joint_names)
             raise InputError(
-                f"must be {names}, as of the motion before, got {', '.join(other.joint_names)}", "joint_names"
+                f"must be {names}, as in the motion before, got {', '.join(other.joint_names)}", "joint_names"
             )
         count, size = self.pieces, max(self.degree, other.degree) + 1
         coefficients = np.zeros((count + other.pieces, size, self.n))

@@ -185,8 +185,8 @@ def stops_of(motion: Motion, proof: MotionProver, limits: RateLimits | None, peo
         raise InputError("give limits: stops beside people need to know how hard the robot may brake", "limits")
     if limits.jerk is not None:
         raise InputError(
-            "stops that keep a limit of the jerk are proven of our own trajectories only; without it, stops that keep "
-            "velocities and accelerations are",
+            "stops with a jerk limit are proven only for trajectories of safe-ompl; without it, stops are "
+            "proven within the limits of velocity and acceleration",
             "limits",
         )
     checker = proof.checker

@@ -120,13 +120,13 @@ class PathTimer:
         self.timing_limits = within_tube(TimingLimits(**speed_limits), motion)
         self.motion, self.people = motion, self.timing_limits.people
         if self.people is not None and self.people.contact and self.limits.jerk is not None:
-            raise InputError("contact is not proven with a limit of the jerk: leave one out", "people.contact")
+            raise InputError("contact cannot be proven with a jerk limit: leave one of them out", "people.contact")
         self.tolerance = number("tolerance", tolerance, at_least=0.0)
         self._bodies = BodySpeeds(robot)
         self.distances: PeopleDistances | None = None
         if self.people is not None:
             if motion is None:
-                raise InputError("give a motion: its scene says where people are", "motion")
+                raise InputError("give a motion prover, whose scene contains the people", "motion")
             self.distances = PeopleDistances(robot, motion.checker.scene, self.people)
 
     def time(self, path: ArrayLike, *, cells: int = CELLS) -> Trajectory:

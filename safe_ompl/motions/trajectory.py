@@ -305,7 +305,7 @@ def points_within(
             return times, states
         factor *= excess + _NANOSECOND
         times, states = _slower(at, places, factor)
-    raise ArithmeticError(f"limits are kept by no points {places[-1]} s")
+    raise ArithmeticError("no slowed points keep the limits")
 
 
 def _slower(

@@ -32,8 +32,7 @@ class TimingLimits:
     def __post_init__(self) -> None:
         if (self.danger is None) != (self.max_danger is None):
             raise InputError(
-                "give a danger and the largest that it may reach, or neither",
-                "danger" if self.danger is None else "max_danger",
+                "give both danger and max_danger, or neither", "danger" if self.danger is None else "max_danger"
             )
         for key, name in (("tool_speed", TOOL_SPEED), ("link_speed", LINK_SPEED)):
             if (value := getattr(self, key)) is not None:

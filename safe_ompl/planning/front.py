@@ -98,7 +98,7 @@ def tradeoff(setup: SafeSetup, weights: Sequence[float] = _WEIGHTS, *, time: flo
     setup, seed = instance("setup", setup, SafeSetup), checked_seed(seed)
     time = number("time limit", time, above=0.0, kind="number of seconds")
     if isinstance(weights, str) or not len(weights):
-        raise InputError(f"weights must be a list that is not empty, got {weights!r}")
+        raise InputError(f"weights must be a non-empty list, got {weights!r}")
     ordered = sorted({number("weight", weight, at_least=0.0, at_most=_LARGEST_WEIGHT) for weight in weights})
     search = _FrontSearch(setup, ordered, time)
     with noted_ctrl_c() as interrupts, suppress(KeyboardInterrupt):

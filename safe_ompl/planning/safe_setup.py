@@ -473,7 +473,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         starts, seed, every = whole_number("starts", starts, at_least=1), checked_seed(seed), all_ways(ways)
         if every and (optimise is not None or starts > 1):
             other = "starts" if starts > 1 else "optimise"
-            raise InputError(f'ways="all" starts as often as it needs: leave out {other}')
+            raise InputError(f'ways="all" chooses the number of starts: leave out {other}')
         # With these options Ctrl-C returns the best path so far instead of an exception.
         keeps = starts > 1 or every or simplification is not None or optimise is not None
 
@@ -539,7 +539,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
     def getSolutionPath(self) -> Any:
         """Return the solution, an `og.PathGeometric`; an InputError if the present problem has no solution."""
         if not self.haveSolutionPath():
-            raise InputError("there is no solution: call solve or plan first, and see whether it succeeds")
+            raise InputError("there is no solution: call solve or plan first, and check its result")
         return super().getSolutionPath()
 
     def solution(self) -> FloatArray:

@@ -218,7 +218,7 @@ class ForwardKinematics:
             k, i = np.unravel_index(np.abs(steps * self.continuous).argmax(), steps.shape)
             raise InputError(
                 f"joint {self.joint_names[i]!r} turns by {steps[k, i]:.4g} rad after number {k}, more than half a turn:"
-                " give a way point between, or angles that do not jump (np.unwrap) where the short way is meant",
+                " add a way point between, or unwrap the angles (np.unwrap)",
                 name,
             )
 

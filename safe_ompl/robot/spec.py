@@ -243,7 +243,7 @@ class RobotSpec(Section):
             document.text("prefix", one)
             for other in sorted(self.robots):
                 if other.startswith(f"{one}_"):
-                    raise InputError(f"the prefixes {one!r} and {other!r} cannot be told apart in '{other}_…'")
+                    raise InputError(f"the prefixes {one!r} and {other!r} are ambiguous in '{other}_…'")
         if self.tip is not None and self.tip not in self.robots:
             raise UnknownNameError("robot with the tip", self.tip, self.robots, "tip")
 
@@ -444,5 +444,5 @@ class RobotSpec(Section):
     def _groups(self, source: str) -> SrdfFile:
         srdf = self.srdf_file()
         if srdf is None:
-            raise InputError("group is a name of an SRDF: give the SRDF", source)
+            raise InputError("group is defined in an SRDF: give the SRDF", source)
         return srdf

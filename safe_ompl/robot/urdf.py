@@ -244,7 +244,7 @@ def read_xml(
             root, expanded = _expanded(path, packages, arguments), True
     if evidence is not None and not expanded:
         raise InputError(
-            f"a xacro file, not yet a {kind} (it holds {evidence}); `pip install xacro`, and it is expanded", source
+            f"a xacro file, not yet a {kind} (it holds {evidence}); with `pip install xacro` it is expanded", source
         )
     if root.tag != "robot":
         raise InputError(f"not a {kind}: the outermost tag is <{root.tag}>, not <robot>", source)

@@ -67,7 +67,7 @@ class _Target(_Contact):
         """Raise InputError unless exactly one target is given."""
         if len(self.targets) != 1:
             found = " and ".join(self.targets) or "none"
-            raise InputError(f"give exactly one way to say where to go; found {found}", self.kind)
+            raise InputError(f"give exactly one target; found {found}", self.kind)
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path | None = None) -> _Target:

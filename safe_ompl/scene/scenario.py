@@ -44,7 +44,7 @@ class Goal(Section):
             raise InputError("give only one of position and region", "region")
         if self.quaternion_xyzw is not None:
             if self.position is None:
-                raise InputError("missing: an orientation alone is no goal", "position")
+                raise InputError("missing: a goal needs a position, not an orientation alone", "position")
             object.__setattr__(self, "quaternion_xyzw", Pose(self.position, self.quaternion_xyzw).quaternion_xyzw)
         if not (self.configurations or self.is_place):
             raise InputError("missing: give configuration, configurations, position or region", "configuration")

@@ -102,7 +102,7 @@ class Scene(document.Section):
                 own = read_scene_text(file, meshes)
             given["obstacles"] = [*own, *document.sequence("obstacles", data.get("obstacles") or ())]
         elif "meshes" in data:
-            raise InputError("is for the file of moveit, which is missing", "meshes")
+            raise InputError("needs the key moveit with a file, which is missing", "meshes")
         return super().from_mapping(given, folder)
 
     @classmethod

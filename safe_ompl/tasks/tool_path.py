@@ -162,7 +162,7 @@ class ToolPath:
 
     def __post_init__(self) -> None:
         if not self.segments:
-            raise InputError("needs a segment at least", "path")
+            raise InputError("needs at least one segment", "path")
         for k, segment in enumerate(self.segments):
             if not segment.length > _LEAST_SEGMENT:
                 raise InputError(f"segment {k} has no length: two poses are the same", "path")

@@ -67,7 +67,7 @@ class Workcell:
         tool = scenario.limits.tool
         if tool is not None and tool.axis is None:
             raise InputError(
-                "missing, but needed: in a program the axis that points up at the start need not do so later",
+                "missing, but needed: the tool axis that points up at the start of a program may point elsewhere later",
                 "limits.tool.axis",
             )
         self._arm = scenario.build_robot()

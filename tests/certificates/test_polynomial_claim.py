@@ -149,7 +149,7 @@ def test_slack_counts_and_its_digest_is_looked_at(ur5, clutter):
         verify({**smaller, "digest": content["digest"]})
     with pytest.raises(CertificateError, match=r"of piece 3 of the motion, .* are needed"):
         verify(tampered(content, claim("motion", "slack", 3, by=lambda row: [20 * x for x in row])))
-    with pytest.raises(InputError, match=r"motion\.velocity: needs a motion in time, without slack"):
+    with pytest.raises(InputError, match=r"motion\.velocity: needs a timed motion without slack"):
         verify(tampered(content, claim("motion", by=lambda motion: {**motion, "velocity": [9.0] * 6})))
 
 
@@ -160,7 +160,7 @@ def test_slack_counts_and_its_digest_is_looked_at(ur5, clutter):
         ({"coefficients": [[[0] * 6], [[0] * 6], [[0] * 6]]}, r"coefficients\[0\]: must be 2 to 16 rows of 6"),
         ({"times": [0, 1, 1, 2]}, r"motion\.times: must be 4 numbers that increase"),
         ({"timed": 1}, "timed: must be true or false"),
-        ({"timed": False}, r"motion\.velocity: needs a motion in time"),
+        ({"timed": False}, r"motion\.velocity: needs a timed motion"),
         ({"slack": [[-1] * 6] * 3}, r"motion\.slack: must be 3 rows of 6 numbers >= 0"),
         ({"rounding": [[0] * 6]}, r"motion\.rounding: must be 3 rows"),
         ({"velocity": None}, r"motion\.acceleration: needs velocities"),
@@ -231,7 +231,7 @@ def test_what_is_not_proven_has_no_certificate(ur5, clutter, fast):
         allows = holds_within = staticmethod(lambda *_: True)
 
     found = check(spline(), ur5, clutter)
-    with pytest.raises(InputError, match="limits: no certificate has a claim of 'mine'"):
+    with pytest.raises(InputError, match="limits: certificates cannot state 'mine'"):
         motion_certificate(check_with(spline(), replace(found.proof, limits=[Own()])))
     bare = check(Motion.sampled(FINE, spline()(FINE), 0.5), ur5, clutter, limits=fast)
     assert "velocity" not in bare.claims

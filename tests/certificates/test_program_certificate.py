@@ -121,7 +121,7 @@ FORGED = {
     "forget that the cube is held": (put(None, *LAST, "attach"), "stretch 3: "),
     "take it twice": (put({"cube": TIP}, *FIRST, "attach"), "is at 0.04 when cube changes hands: .* to 0.0245 by then"),
     "take it before the fingers close": (early, "is at 0.04 .* program has moved it to 0.0245 by then"),
-    "take the pole": (put(TIP, *LAST, "attach", "pole"), "'pole' taken by 'panda_hand_tcp': .* has it otherwise"),
+    "take the pole": (put(TIP, *LAST, "attach", "pole"), "'pole' taken by 'panda_hand_tcp': .* differs"),
     "take it with the elbow": (put("panda_link4", *LAST, "attach", "cube"), "'panda_link4', which is the tip"),
     "put down what is not held": (put(["cube"], *FIRST, "detach"), "stretch 1: 'cube' is put down, but not held"),
     "skip a stretch": (put(None, *FIRST), "stretch 1: it begins .* from where the one before ends"),

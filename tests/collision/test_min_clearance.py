@@ -106,7 +106,7 @@ def test_names_are_checked(crank):
         ((0.1, None, [("ball", "c")]), "unknown obstacle 'c'"),
         ((0.1, "a", []), "obstacles must be a list of names, got 'a'"),
         ((0.1, ["a"], [("ball",)]), "exempt must be pairs of a link and an obstacle, not "),
-        ((0.1, ["a"], [("ball", "b")]), "exempt from keeping a distance to 'b', which is not asked for"),
+        ((0.1, ["a"], [("ball", "b")]), "exempt from keeping a distance to 'b', which has no min clearance"),
     ):
         with pytest.raises(InputError, match=message):
             near(checker, *arguments)

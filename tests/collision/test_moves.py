@@ -124,7 +124,7 @@ def test_only_places_of_movable_obstacles_may_differ(panda, scene):
     for other, why in (
         (scene.moved({"box": elsewhere, "ball": elsewhere}), "'ball' is not movable"),
         (scene.without("post"), "must have the same obstacles"),
-        (Scene(tuple(bigger)), "'box' may move, but not become another"),
+        (Scene(tuple(bigger)), "'box' may only be moved, but not changed"),
         (scene.moved({"specks": np.zeros((3, 3))}), "'specks' has other parts than before"),
     ):
         with pytest.raises(InputError, match=why):

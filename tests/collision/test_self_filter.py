@@ -64,7 +64,7 @@ def test_a_robot_that_saw_itself_is_free(panda, scan, caplog):
     assert not CollisionChecker(panda, cleared).in_collision(Q)
     kept = len(cleared["scan"].shape.centres)
     assert 100 < kept <= len(points) - own
-    assert f"scan: {len(points) - kept} of {len(points)} points are of the robot" in caplog.text
+    assert f"scan: {len(points) - kept} of {len(points)} points belong to the robot" in caplog.text
     assert (cleared["scan"].weight, cleared["scan"].pose, cleared.spacing) == (0.5, pose, 0.2)
     assert cleared["table"] is table
 

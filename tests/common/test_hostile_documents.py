@@ -83,7 +83,7 @@ def test_archives_with_flags(tmp_path, reader, place, value):
             content[at + place + shift] = value
             at = content.find(mark, at + 4)
     file.write_bytes(content)
-    with pytest.raises(InputError, match=r"x\.npz: is no archive of arrays of numbers and text"):
+    with pytest.raises(InputError, match=r"x\.npz: is not an NPZ archive of arrays"):
         reader(file)
 
 

@@ -194,7 +194,7 @@ def test_paths_are_checked(robot_named):
     assert np.isfinite(danger.of_path([inside, inside]).upper)
     with pytest.raises(InputError, match=r"joint 'right_slide' = 0.36 is outside its limits"):
         danger.of_path([inside, outside])
-    with pytest.raises(InputError, match="a configuration at least"):
+    with pytest.raises(InputError, match="at least one configuration"):
         danger.of_path(np.empty((0, 4)))
     with pytest.raises(InputError, match="path: must be finite"):
         danger.of_path([inside, [np.nan, 0, 0, 0]])

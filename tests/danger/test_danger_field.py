@@ -301,7 +301,7 @@ def test_refuses_a_robot_without_links(tmp_path):
         <collision><geometry><sphere radius="0.1"/></geometry></collision></link><joint name="turn" type="continuous">
         <parent link="base"/><child link="rim"/><axis xyz="0 0 1"/></joint></robot>"""
     )
-    with pytest.raises(InputError, match="'wheel' has no link of any length"):
+    with pytest.raises(InputError, match="'wheel' has no link with a length"):
         DangerField(Robot.from_urdf(tmp_path / "wheel.urdf"), [[1.0, 0.0, 0.0]])
 
 

@@ -106,9 +106,9 @@ def test_motions_that_make_no_sense_are_refused(record):
         MotionRecord(*whole, {}, ("separation",))
     with pytest.raises(InputError, match="bounds by separation"):
         MotionRecord(*whole, {"separation": np.ones(3)}, record.binding)
-    with pytest.raises(InputError, match="motion: must be in time, from 0 on"):
+    with pytest.raises(InputError, match="motion: must be timed, with times from 0 on"):
         MotionRecord(record.problem, Motion.through(record.motion.knots), record.speeds, {}, record.binding)
-    with pytest.raises(InputError, match="equally many"):
+    with pytest.raises(InputError, match="equal numbers of entries"):
         plot_speeds([0.0, 1.0], [0.0, 1.0], {"cap": [1.0]}, [None, None], None)
 
 
@@ -174,7 +174,7 @@ def test_recordings_that_cannot_be_read_are_refused(recording, tmp_path, capsys)
         ([], "a JSON object in every line"),
         (["{"], "line 1: malformed JSON"),
         ([json.dumps({"format": "something"}), *ticks], "header.format: must be 'safe-ompl ticks', got 'something'"),
-        ([first, ticks[0]], "two ticks at least"),
+        ([first, ticks[0]], "at least two ticks"),
         ([first, *ticks[:2], "{}"], "time"),
     ]:
         file.write_text("\n".join(lines), encoding="utf-8")

@@ -197,7 +197,7 @@ def test_what_cannot_be_is_refused(timed, panda, shelf_path, panda_limits):
         timed(People(clearance=0.9))
     with pytest.raises(UnknownNameError, match="unknown obstacle 'nobody'"):
         timed(People(who=("nobody",)))
-    with pytest.raises(InputError, match=r"^people.contact: contact is not proven .* leave one out"):
+    with pytest.raises(InputError, match=r"^people.contact: contact cannot be proven .* leave one of them out"):
         timed(People(contact=True), replace(panda_limits, jerk=np.full(7, 1e3)))
     with pytest.raises(InputError, match="time: must be"):
         timed(People()).stop_from(-1)

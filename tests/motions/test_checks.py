@@ -340,4 +340,4 @@ def test_claims_are_of_what_is_proven_and_not_of_what_is_asked(ur5, clutter):
     setup.setStateValidityChecker(lambda state: True)
     at = [0.8, -1.6, 1.2, -1.2, -1.57, 0.0]
     found = setup.check(np.array([at, np.add(at, 0.01)]))
-    assert found.claims == ("joint limits", "collision", "max danger")
+    assert found.claims == ("joint limits", "no collision", "max danger")

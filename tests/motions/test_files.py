@@ -175,7 +175,7 @@ def test_motions_that_points_cannot_hold_are_of_our_own_form(tmp_path):
     back = load(tmp_path / "m.json")
     same(back, bent)
     np.testing.assert_array_equal(back.slack, bent.slack)
-    for motion, words in ((bent, "cannot hold this motion"), (Motion.through(Q), "needs the names of the")):
+    for motion, words in ((bent, "cannot represent this motion"), (Motion.through(Q), "needs the names of the")):
         with pytest.raises(InputError, match=f"m.csv: .*{words}"):
             save(motion, tmp_path / "m.csv")
 
@@ -268,26 +268,30 @@ OTHER = json.dumps({"joint_trajectory": message(), "multi_dof_joint_trajectory":
     ("name", "content", "error"),
     [
         ("m.stl", "", r"m.stl: must be a motion, with one of the endings .csv, .tsv, .txt, .npz, .npy, .json, "),
-        ("m.csv", "", "m.csv: is empty; the first line must name the joints"),
+        ("m.csv", "", "m.csv: is empty: the first line must name the joints"),
         ("m.csv", "0,1\n2,3\n", "m.csv: the first line: must name the joints, got 0, 1; or .*--joints"),
-        ("m.npy", "text", r"m.npy: must be one array of numbers \(N, m\)"),
+        ("m.npy", "text", r"m.npy: must be an array of numbers with two dimensions \(N, m\)"),
         ("m.csv", "a,b\n1,2\n3,x\n", "m.csv:3: must be numbers, got 'x'"),
         ("m.csv", "a,b\n1,2\n3\n", "m.csv:3: must have 2 numbers, one for each column, got 1"),
         ("m.csv", "a,b\n1,2\n3,nan\n", r"m.csv: way points: must be finite, got \[.*nan\]"),
         ("m.csv", "time,a\n1,2\n0,3\n", r"m.csv: times: must increase, got 0 after 1 \(number 1\)"),
         ("m.csv", "time,a,a\n0,1,2\n1,2,3\n", "m.csv: names of columns: must differ, got time, a, a"),
         ("m.csv", "time,a_position,a_velocity,b_position\n0,1,2,3\n", "m.csv: b_velocity: missing, but needed"),
-        ("m.csv", "a_position,a_velocity\n0,1\n1,2\n", "m.csv: times: are missing, but needed where there are"),
-        ("m.npz", "text", "m.npz: is no archive of arrays of numbers and text"),
+        (
+            "m.csv",
+            "a_position,a_velocity\n0,1\n1,2\n",
+            "m.csv: times: are missing, but velocities and accelerations need times",
+        ),
+        ("m.npz", "text", "m.npz: is not an NPZ archive of arrays of numbers and text"),
         ("m.json", "{", "m.json: line 1: malformed JSON"),
         ("m.json", "[1]", r"m.json: must hold joint_names and points .*got list \[1\]"),
         ("m.json", '{"a": 1}', "m.json: must hold joint_names and points .*got the keys a"),
         ("m.json", '{"format": "urdf"}', "m.json: format: must be 'safe-ompl'"),
         ("m.json", '{"format": "safe-ompl", "version": 2, "kind": "scene"}', "kind: must hold a motion, but it holds"),
         ("m.yaml", "a: [", "m.yaml: line 2: malformed YAML"),
-        ("m.yaml", "joint_names: [a]\npoints: []\n", "m.yaml: points: must be two at least, got 0"),
+        ("m.yaml", "joint_names: [a]\npoints: []\n", "m.yaml: points: must be at least two, got 0"),
         ("m.json", changed(1, positions=[1.0]), r"m.json: points\[1\].positions: must be 2 numbers, got 1: \[1.0\]"),
-        ("m.json", changed(2, time_from_start=None), r"points\[2\].time_from_start: must be there in all points"),
+        ("m.json", changed(2, time_from_start=None), r"points\[2\].time_from_start: must be given in all points"),
         ("m.json", changed(2, velocity=[1.0, 2.0]), r"points\[2\].velocity: unknown key; did you mean 'velocities'"),
         ("m.json", changed(0, time_from_start={"sec": 1, "nsec": 2}), r"points\[0\].time_from_start.nsec: unknown key"),
         ("m.json", OTHER, "multi_dof_joint_trajectory: must be empty"),
@@ -302,7 +306,7 @@ OTHER = json.dumps({"joint_trajectory": message(), "multi_dof_joint_trajectory":
         (
             "m.json",
             shown(display(message(), {**message(), "joint_names": ["hip", "ankle"]})),
-            "joint_names: must be hip, knee, as of the motion before, got hip, ankle",
+            "joint_names: must be hip, knee, as in the motion before, got hip, ankle",
         ),
         (
             "m.json",

@@ -280,7 +280,7 @@ T, Q = [0.0, 1.0, 2.0], np.zeros((3, 2))
         (lambda: Motion.hermite(T, Q, Q[:, :1]), r"velocities: must have shape \(3, 2\), got \(3, 1\)"),
         (lambda: Motion.through(Q, names=["a", "a"]), "joint names: must differ, got a, a"),
         (lambda: Motion.through(Q, names=["a"]), "joint names: must be 2, one for each column, got 1"),
-        (lambda: Motion.through(Q[:1], [0.0]), "way points: must be two at least, got 1"),
+        (lambda: Motion.through(Q[:1], [0.0]), "way points: must be at least two, got 1"),
         (lambda: Motion([0, 1], np.zeros((1, 17, 2)) + 1), "degree of 15 at most.*got 16"),
         (lambda: Motion([0, 1], np.zeros((1, 2, 2)), slack=[[0, -1.0]]), "slack: must not be negative, got -1"),
         (lambda: Motion([0, 1, 2], [[[0.0], [1.0]], [[1.1], [0.0]]], ("hip",)), "joint 'hip' jumps by 0.1 at 1 s"),

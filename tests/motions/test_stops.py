@@ -131,7 +131,7 @@ def test_what_cannot_be_proven_beside_people_is_refused(panda, shelf, panda_limi
     jerk = RateLimits(
         panda_limits.joint_names, panda_limits.velocity, panda_limits.acceleration, 100 * panda_limits.acceleration
     )
-    assert "our own trajectories" in said(motion, limits=jerk)
+    assert "trajectories of safe-ompl" in said(motion, limits=jerk)
     assert "no times" in said(points)
     assert "bare samples" in said(Motion.sampled(motion.x, points, 2.0))
     assert "must end at rest" in said(Motion.hermite(motion.x, points))

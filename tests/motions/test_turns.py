@@ -128,7 +128,7 @@ def test_nothing_that_passes_an_obstacle_is_proven(wheel, path, angle):
     )
     for call in calls:
         if long:
-            with pytest.raises(InputError, match=r"joint 'turn' turns by .* more than half a turn: give a way point"):
+            with pytest.raises(InputError, match=r"joint 'turn' turns by .* more than half a turn: add a way point"):
                 call()
         else:
             assert call()

@@ -214,7 +214,7 @@ def test_ctrl_c_ends_all_the_runs_of_a_campaign(ctrl_c_while_simplifying):
 def test_the_command_line_says_that_it_was_interrupted(ctrl_c_while_simplifying, capfd, option):
     assert main(["plan", "planar3", *option]) == 0
     out, err = capfd.readouterr()
-    assert "certified: collision" in out
+    assert "certified: no collision" in out
     assert err == "safe-ompl: interrupted: this is the best path so far\n"
 
 

@@ -106,7 +106,7 @@ def test_in_words_and_as_the_json_of_the_command_line(setup, monkeypatch):
     assert " rad, danger mean " in lines[2]
     assert lines[3].startswith("clearance ")
     assert lines[3].endswith("from ball")
-    claims = ["collision", "min clearance", "max danger", "moving obstacles"]
+    claims = ["no collision", "min clearance", "max danger", "moving obstacles"]
     assert lines[4] == f"certified: {', '.join(claims)}; no collision geometry: cover"
     found = result.as_dict()
     assert json.loads(json.dumps(found)) == found

@@ -91,7 +91,7 @@ def test_danger_is_optional_and_has_options(ur5, setup):
     for bad, message in (
         ({"aggregate": "median"}, "median"),
         ({"agregate": "mean"}, "agregate"),
-        (True, "danger must be a mapping of options, or None for none, got True"),
+        (True, "danger must be a mapping of options, or None for no danger field, got True"),
     ):
         with pytest.raises(InputError, match=message):
             SafeSetup(ur5, SCENE, danger=bad)

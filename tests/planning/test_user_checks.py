@@ -45,7 +45,7 @@ def test_a_checker_is_obeyed_and_named(setup, as_object):
     result = setup.plan(seed=0, time=20.0)
     assert highest(setup, result.path) < LIFTED + 0.01
     name = "LowOnly" if as_object else "low_only"
-    assert str(result).splitlines()[-1] == f"certified: collision; sampled at 0.01 rad: your checker {name}"
+    assert str(result).splitlines()[-1] == f"certified: no collision; sampled at 0.01 rad: your checker {name}"
     told = json.loads(json.dumps(result.as_dict()))["validation"]
     assert told["proven"] is True
     assert told["checks"] == [{"name": name, "resolution": 0.01, "passed": True}]

@@ -112,7 +112,7 @@ def test_cells_travel_and_keep_what_is_held(cell, panda):
     [
         (["left"], None, "give two robots or more, not 1"),
         (["left", "right"], "middle", "unknown robot with the tip 'middle'; known: left, right"),
-        (["arm", "arm_2"], None, "the prefixes 'arm' and 'arm_2' cannot be told apart in 'arm_2_…'"),
+        (["arm", "arm_2"], None, "the prefixes 'arm' and 'arm_2' are ambiguous in 'arm_2_…'"),
     ],
 )
 def test_bad_cells(panda, names, tip, message):

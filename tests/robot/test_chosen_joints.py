@@ -69,5 +69,5 @@ def test_what_does_not_exist(build, options, message):
 
 
 def test_without_an_srdf(data_folder):
-    with pytest.raises(InputError, match="group is a name of an SRDF: give the SRDF"):
+    with pytest.raises(InputError, match="group is defined in an SRDF: give the SRDF"):
         Robot.from_urdf(data_folder / "twin_arm.urdf", group="left_arm")

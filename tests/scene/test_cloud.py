@@ -286,7 +286,7 @@ def test_points_that_a_camera_did_not_see_are_left_out(caplog):
     points[9, 1] = np.inf
     with caplog.at_level("INFO"):
         cloud = PointCloud(0.01, points=points)
-    assert "points: 3 of 60 points are NaN or infinite, and left out" in caplog.text
+    assert "points: 3 of 60 points are NaN or infinite and are left out" in caplog.text
     assert len(cloud.centres) == 57
     assert cloud == PointCloud(0.01, points=np.delete(points, [3, 7, 9], axis=0).tolist())
 

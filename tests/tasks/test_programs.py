@@ -261,7 +261,7 @@ WRONG = [
     ),
     ({"steps": [{"move": {"position": [0.4, 0, 0.4], "arm": "left"}}]}, "program.steps[0].move.arm: unknown robot"),
     ({"steps": [{"gripper": {"joints": {"finger": 0.1}}}]}, "program.steps[0].gripper.joints: unknown joint"),
-    ({"steps": [{"move": {}}]}, "give exactly one way to say where to go; found none"),
+    ({"steps": [{"move": {}}]}, "give exactly one target; found none"),
     ({"steps": [{"wait": -1.0}]}, "program.steps[0].wait.time: "),
     ({"steps": [{"walk": 1.0}]}, "program.steps[0].walk: unknown key; valid keys: move"),
     ({"limits": {"tool": {"angle": 0.1}}}, "limits.tool.axis: missing"),

@@ -106,7 +106,7 @@ def add_run_options(parser: argparse.ArgumentParser, usual_time: str, *, simplif
     option(
         parser,
         "--simplify SECONDS",
-        "make paths shorter and safer; without SECONDS until no step improves them"
+        "make paths shorter and safer; without SECONDS: until no step improves them"
         + (" (this is the default)" if simplify else ""),
         seconds,
         simplify,
@@ -117,7 +117,12 @@ def add_run_options(parser: argparse.ArgumentParser, usual_time: str, *, simplif
 
 def add_workers(parser: argparse.ArgumentParser, what: str) -> None:
     """Add --workers, the number of processes. `what` names the tasks that the processes share."""
-    option(parser, "--workers N", f"processes that share the {what} (default: 1, for the cleanest times)", count)
+    option(
+        parser,
+        "--workers N",
+        f"processes that share the {what} (default: 1, which gives the most accurate times)",
+        count,
+    )
 
 
 def run_options(options: argparse.Namespace, scenario: Scenario, planner: str) -> dict[str, Any]:
@@ -132,7 +137,7 @@ def run_options(options: argparse.Namespace, scenario: Scenario, planner: str) -
 
 def add_xacro_args(parser: argparse._ActionsContainer) -> None:
     """Add --xacro-arg, which sets arguments of a xacro file."""
-    option(parser, "--xacro-arg NAME:=VALUE", "of a URDF that holds xacro (repeatable)", _xacro_arg, [])
+    option(parser, "--xacro-arg NAME:=VALUE", "argument of a URDF with xacro macros (repeatable)", _xacro_arg, [])
 
 
 def _xacro_arg(text: str) -> tuple[str, str]:
@@ -152,14 +157,14 @@ def add_collision_option(parser: argparse._ActionsContainer) -> None:
     parser.add_argument(
         "--collision",
         choices=get_args(CollisionSource),
-        help="links without collision shapes: refused if no link has any (required, the default), "
-        "their visual shapes collide (visual)",
+        help="required (default): refuse a robot without any collision shape; "
+        "visual: links without collision shapes collide with their visual shapes",
     )
 
 
 def add_package_dirs(parser: argparse._ActionsContainer) -> None:
     """Add the options for package folders, which all commands that load a robot or a saved file have."""
-    option(parser, "--package-dir DIR", "holds packages that a URDF names (repeatable)", _folder, [])
+    option(parser, "--package-dir DIR", "folder with packages that the URDF names (repeatable)", _folder, [])
     words = "folder of the package NAME that a URDF names (repeatable)"
     option(parser, "--package NAME=DIR", words, _package, [], dest="package_dir")
 
@@ -193,7 +198,7 @@ def add_limit_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for limits that every path must satisfy."""
     group = parser.add_argument_group("limits, proven along whole motions")
     option(group, "--max-danger X", "largest danger of any configuration", limit)
-    option(group, "--min-clearance D", "keep D metres from people and all that has a danger weight", limit)
+    option(group, "--min-clearance D", "keep D metres from people and from all obstacles with a danger weight", limit)
     option(
         group,
         "--keep-upright DEG",
@@ -218,7 +223,7 @@ def load_scenario(name_or_file: str, package_dirs: Sequence[PackageDir] = (), *,
     """
     scenario = Scenario.load(name_or_file)
     if goal and scenario.goal is None:
-        raise InputError("missing: it has a program, which `safe-ompl plan` plans", f"{scenario.file}: goal")
+        raise InputError("missing: the scenario has a program instead; use `safe-ompl plan`", f"{scenario.file}: goal")
     for planner in scenario.planners:
         if planner not in planner_names():
             raise UnknownNameError("planner", planner, planner_names(), f"{scenario.file}: planners")
@@ -264,7 +269,7 @@ def names(text: str) -> tuple[str, ...]:
     """Read names with commas between them."""
     found = tuple(name.strip() for name in text.split(","))
     if not all(found):
-        raise argparse.ArgumentTypeError(f"must be names with commas between them, not {text!r}")
+        raise argparse.ArgumentTypeError(f"must be names separated by commas, not {text!r}")
     return found
 
 

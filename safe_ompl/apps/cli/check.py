@@ -48,65 +48,76 @@ def add_commands(commands: Any) -> None:
         commands,
         "check",
         prepare,
-        "prove a motion that something else made, or repair it",
-        "Prove a motion that a controller, an optimiser or another planner made: that the robot touches nothing "
-        "anywhere on it, and keeps the scenario's limits, and beside the scenario's people stops in time; or say where "
-        "it does not. Files: tables (.csv, .tsv, .txt), arrays "
-        "(.npz, .npy), trajectory_msgs/JointTrajectory and moveit_msgs/RobotTrajectory (.json, .yaml), and ours. "
-        "The exit status is 0 if it is proven, or with --repair if what is written is.",
+        "prove or repair a motion of another program",
+        "Prove that a motion of a controller, an optimiser or another planner is collision free, keeps the scenario's "
+        "limits, and can stop in time for the scenario's people. Otherwise print where this is not proven. "
+        "Files: tables (.csv, .tsv, .txt), arrays "
+        "(.npz, .npy), trajectory_msgs/JointTrajectory and moveit_msgs/RobotTrajectory (.json, .yaml), and files of "
+        "safe-ompl. "
+        "The exit status is 0 if the motion, or with --repair the written motion, is proven.",
     )
     option(parser, "file FILE", "the motion")
-    option(parser, "--scenario SCENARIO", "its robot, scene and limits: a name or YAML file", required=True)
-    option(parser, "--degrees", "joints of FILE that turn are in degrees")
-    words = "the columns of FILE, `time` among them if there, where it does not name them"
+    option(parser, "--scenario SCENARIO", "robot, scene and limits: a name or YAML file", required=True)
+    option(parser, "--degrees", "revolute joints of FILE are in degrees")
+    words = "names of the columns of FILE, including `time`, if FILE does not name them"
     option(parser, "--joints NAME[,…]", words, arguments.names)
     option(parser, "--ignore NAME[,…]", "joints or columns of FILE to leave out", arguments.names)
     option(
         parser,
         "--max-velocity V|JOINT=V[,…]",
-        "FILE holds bare samples, and no joint is faster between them [rad/s or m/s]",
+        "largest joint velocity between the samples of a FILE without velocities [rad/s or m/s]",
         arguments.by_joint,
     )
-    option(parser, "--limits", "check rates: the scenario's limits of velocity, acceleration and jerk, or the URDF's")
+    option(
+        parser,
+        "--limits",
+        "also check the limits of velocity, acceleration and jerk of the scenario, or else of the URDF",
+    )
     option(
         parser,
         "--no-people",
-        "leave out the scenario's people: what is proven is said of still obstacles. With people, velocities and "
-        "accelerations are checked in any case: stops keep to them",
+        "leave out the scenario's people and prove the motion among still obstacles only. With people, velocities and "
+        "accelerations are always checked, because stops depend on them",
     )
     option(
         parser,
         "--tube W|JOINT=W[,…]",
-        "prove it of every motion whose joints are so near to this one [rad or m]; default: limits.tube of the "
+        "prove every motion whose joints stay this near to FILE's [rad or m]; default: limits.tube of the "
         "scenario; see `safe-ompl tube`",
         arguments.by_joint,
     )
-    option(parser, "--time SECONDS", "leave undecided what is not proven by then", arguments.seconds, TIME)
-    option(parser, "--widest-tube", "also find the widest proven tube: of equal widths, or in proportion to --tube")
+    option(
+        parser, "--time SECONDS", "time limit; what is not proven by then counts as undecided", arguments.seconds, TIME
+    )
+    option(
+        parser, "--widest-tube", "also find the widest tube that is proven: equal widths, or in proportion to --tube"
+    )
     option(
         parser,
         "--repair OUT",
-        "write the motion, proven, with as little changed as that needs: "
-        "our own form (.json; a message if FILE is one), a table (.csv, .tsv, .txt), arrays (.npz), or a "
+        "change the motion as little as possible, prove it, and write it as "
+        "a safe-ompl file (.json; a ROS message if FILE is one), a table (.csv, .tsv, .txt), arrays (.npz), or a "
         "JointTrajectory (.yaml)",
         output.output_file(*WRITABLE),
     )
-    words = "write it with its claims, for `safe-ompl verify` (.json)"
+    words = "write a certificate of the proof, for `safe-ompl verify` (.json)"
     option(parser, "--certificate FILE", words, output.JSON_FILE)
-    option(parser, "--json FILE", "write what was found as JSON; - is standard output", output.JSON_FILE)
+    option(parser, "--json FILE", "write the result as JSON; - is standard output", output.JSON_FILE)
     option(parser, "--plot FILE", "draw joints, limits and distances (.png, …)", output.PICTURE)
-    words = "leave out times and rates, and drive the way points as fast as limits and people allow, in straight lines"
+    words = (
+        "ignore times and velocities; follow straight lines through the way points as fast as limits and people allow"
+    )
     add_timed_options(parser, "--retime", words)
-    words = "write one file that shows it in three dimensions and opens offline, with a play bar (.html)"
+    words = "write a page that plays the motion in 3D and needs no network (.html)"
     option(parser, "--html FILE", words, output.PAGE)
     arguments.add_limit_options(parser)
     parser = arguments.add_parser(
         commands,
         "tube",
         prepare_tube,
-        "measure how far a robot is from where it should be",
-        "Measure the tube that `check --tube` takes, from logs of commanded and measured positions at equal times: the "
-        "largest error of each joint, and a bound of how much larger it is between samples, times a factor.",
+        "measure the tracking error of a robot",
+        "Compute the widths for `check --tube` from logs of commanded and measured positions at equal times: the "
+        "largest error of each joint plus a bound of its growth between samples, times a factor.",
     )
     option(
         parser,
@@ -117,11 +128,17 @@ def add_commands(commands: Any) -> None:
     )
     for what in ("commanded", "measured"):
         option(parser, f"--{what}-topic NAME", f"topic of the {what} positions in a recording")
-    option(parser, "--commanded FILE", "or two motions, as `check` reads them: this one, and")
-    option(parser, "--measured FILE", "this one; they are interpolated at each other's times")
-    option(parser, "--factor F", "tube over largest error, >= 1", arguments.limit, FACTOR)
-    option(parser, "--degrees", "joints that turn are in degrees; needs the robot")
-    option(parser, "--scenario SCENARIO", "with its robot: whole turns are no error")
+    option(
+        parser, "--commanded FILE", "instead of logs: commanded motion, in a form that `check` reads; needs --measured"
+    )
+    option(parser, "--measured FILE", "measured motion; both motions are interpolated at each other's times")
+    option(parser, "--factor F", "ratio of the tube to the largest error, >= 1", arguments.limit, FACTOR)
+    option(parser, "--degrees", "revolute joints are in degrees; needs --scenario")
+    option(
+        parser,
+        "--scenario SCENARIO",
+        "scenario with the robot; whole turns of its continuous joints are not counted as errors",
+    )
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
@@ -166,14 +183,12 @@ def _check_people(options: argparse.Namespace, scenario: Scenario, limits: RateL
     """Raise InputError if stopping in time for people cannot be proven for the motion, or not be certified."""
     if limits.jerk is not None:
         raise InputError(
-            "stops that keep a limit of the jerk are proven of our own trajectories only; leave it out, or give "
+            "stops with a jerk limit are proven only for trajectories of safe-ompl; remove the jerk limit, or give "
             "--no-people",
             f"{scenario.file}: motion.jerk",
         )
     if options.certificate is not None:
-        raise InputError(
-            "certificates of motions have no claim of stops beside people; give --no-people", "--certificate"
-        )
+        raise InputError("certificates of motions cannot state stops beside people; give --no-people", "--certificate")
 
 
 def _sampled(motion: Motion, options: argparse.Namespace, robot: Robot) -> Motion:
@@ -181,7 +196,7 @@ def _sampled(motion: Motion, options: argparse.Namespace, robot: Robot) -> Motio
     if options.max_velocity is None:
         return motion
     if not motion.timed or motion.degree > 1:
-        raise InputError(f"{options.file}: is for samples in time, without velocities", "--max-velocity")
+        raise InputError(f"{options.file}: is only for timed samples without velocities", "--max-velocity")
     bounds = tube_of(options.max_velocity, robot, "--max-velocity")
     with document.within(options.file, ": "):
         return Motion.sampled(motion.times, motion.knots, bounds, robot.joint_names)
@@ -233,7 +248,9 @@ def _check(
     if options.json:
         output.write_json(options.json, record)
     if options.certificate and not written:
-        output.error_console().print(f"safe-ompl: it is not proven: nothing is written to {options.certificate}")
+        output.error_console().print(
+            f"safe-ompl: the motion is not proven: nothing is written to {options.certificate}"
+        )
     elif options.certificate:
         source, spacing = source_of(scenario, options.certificate), scenario.danger.get("spacing")
         output.write_json(options.certificate, motion_certificate(written, spacing=spacing, source=source))
@@ -277,7 +294,7 @@ def _retime(
     if options.plot:
         plots.plot_check(found, options.plot, title=name)
     if result is None or trajectory is None:
-        output.error_console().print(f"safe-ompl: {options.file}: {why_unproven(found)}: it is not timed")
+        output.error_console().print(f"safe-ompl: {options.file}: {why_unproven(found)}: the path is not timed")
         return 1
     if options.certificate:
         proof = certificate_of(result, setup, scenario, options.certificate, trajectory)
@@ -336,7 +353,7 @@ def prepare_tube(options: argparse.Namespace) -> Callable[[], int]:
     if options.scenario is not None:
         robot = arguments.load_scenario(options.scenario, options.package_dir).build_robot()
     if options.degrees and robot is None:
-        raise InputError("needs the robot, which knows the joints that turn: give --scenario", "--degrees")
+        raise InputError("needs the robot, to know which joints are revolute: give --scenario", "--degrees")
     found: dict[str, MeasuredTube] = {}
     for log in options.logs or [" and ".join(pair)]:
         motions = _log(log, options) if options.logs else (read_motion(pair[0]), read_motion(pair[1]))

@@ -56,7 +56,12 @@ def add_commands(commands: Any) -> None:
         "the robot along each planner's typical path.",
     )
     arguments.add_scenario(parser)
-    option(parser, "--planners A,B,...", "compared with the baseline (default: all of ours)", arguments.names)
+    option(
+        parser,
+        "--planners A,B,...",
+        "planners to compare with the baseline (default: all planners of safe-ompl)",
+        arguments.names,
+    )
     option(parser, "--runs N", "runs of each planner", arguments.count, _RUNS)
     arguments.add_run_options(parser, usual_time="the scenario's", simplify=True)
     parser.add_argument(
@@ -303,7 +308,13 @@ def _add_mbm(commands: Any) -> None:
     option(parser, "file FILE", "the problems")
     arguments.add_planner_options(parser, usual_time=f"{USUAL_TIME:g}")
     read = output.output_file(".jsonl", ".json", output.STANDARD_OUTPUT)
-    option(parser, "--json FILE", "a line for each; default: standard output", read, output.STANDARD_OUTPUT)
+    option(
+        parser,
+        "--json FILE",
+        "write one JSON line per problem to this file; default: standard output",
+        read,
+        output.STANDARD_OUTPUT,
+    )
     arguments.add_workers(parser, "problems")
     option(parser, "--robot ROBOT", "an example robot, or a scenario with the robot; default: the file's")
 
@@ -370,7 +381,7 @@ def _robot(file: MbmFile, options: argparse.Namespace) -> Robot:
     if file.joint_names and set(file.joint_names) != set(robot.joint_names):
         raise InputError(
             f"the problems are for the joints {', '.join(file.joint_names)}, "
-            f"but {robot.name} moves {', '.join(robot.joint_names)}; a scenario's robot says what is locked",
+            f"but {robot.name} moves {', '.join(robot.joint_names)}; to lock joints, give a scenario with --robot",
             f"{file.path}: joints",
         )
     return robot

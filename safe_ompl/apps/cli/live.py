@@ -59,10 +59,10 @@ def add_commands(commands: Any) -> None:
         commands,
         "live",
         prepare,
-        "drive a robot beside people and things that move, in simulated time",
-        "Plan from start to goal and back, and drive there again and again beside a recorded person, or "
-        "beside people and things that move at random. Every motion is proven at every tick, including its stop. A "
-        "monitor looks for contacts.",
+        "simulate a robot beside moving people and objects",
+        "Plan a path from start to goal and back. The simulated robot follows it repeatedly beside a recorded person, "
+        "or beside people and objects that move at random. Every motion, including its stop, is proven at every tick. "
+        "A monitor checks for contacts.",
     )
     arguments.add_scenario(parser)
     words = "a file of recorded key points (.npz), or the number of people who walk at random"
@@ -71,8 +71,8 @@ def add_commands(commands: Any) -> None:
     option(
         parser,
         "--place X,Y,Z,YAW",
-        "where the origin of the recording, or the first person who walks, is in the world [m, rad]; default: "
-        "where the first person of the scenario stands",
+        "pose of the recording's origin, or of the first walking person, in the world [m, rad]; default: "
+        "the pose of the scenario's first person",
         _place,
     )
     option(parser, "--movers N", "number of balls of 0.1 m that fly around the robot", arguments.count, 0)
@@ -82,14 +82,20 @@ def add_commands(commands: Any) -> None:
     option(parser, "--html FILE", "also write a page that plays the simulation offline (.html)", output.PAGE)
     arguments.add_mcap(parser)
     option(parser, "--tick S", "time between commands", arguments.seconds, 0.05)
-    words = "reach each of the goal's configurations, and the start, in whichever order is soonest"
+    words = "visit the goal's configurations and the start in the fastest order"
     option(parser, "--any-order", words)
     arguments.add_run_options(parser, usual_time="the scenario's")
     group = parser.add_argument_group("faults")
     option(group, "--noise M", "largest error of key points, known to the tracker [m]", arguments.noise, 0.0)
     option(group, "--drops SHARE", "share of the frames that are lost", arguments.share, 0.0)
     option(group, "--late SHARE", "share of the ticks without an answer", arguments.share, 0.0)
-    option(group, "--faster FACTOR", "times the speeds recorded, or relied on", arguments.limit, 1.0)
+    option(
+        group,
+        "--faster FACTOR",
+        "people and objects move this many times as fast as recorded, or as promised",
+        arguments.limit,
+        1.0,
+    )
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
@@ -103,7 +109,9 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     output.make_folder(Path(options.out), ("ticks.jsonl", "summary.json"), force=options.force)
     trackers = {name: mover.tracker for name, mover in found.people.items()}
     if scenario.program is not None:
-        arguments.refuse(options, ("simplify", "any_order"), "is for a path to a goal; the scenario has a program")
+        arguments.refuse(
+            options, ("simplify", "any_order"), "is only for a path to a goal, but the scenario has a program"
+        )
         program_robot(still)
         return partial(_drive_program, still, people, actors=found, faults=faults, options=options)
     setup = setup_scenario(still, robot)
@@ -273,7 +281,7 @@ def choose_actors(scenario: Scenario, robot: Robot, people: People, options: arg
     found = Actors(scenario.scene)
     base = np.asarray(robot.keypoints(scenario.start_configuration(robot))[0])
     if options.people is None:
-        arguments.refuse(options, ("clip", "place"), "there is nobody: give --people")
+        arguments.refuse(options, ("clip", "place"), "nobody moves: give --people")
         if not options.movers:
             raise InputError("no person and no object moves: give a file of recordings or random", "--people")
     elif options.people.partition(":")[0] == RANDOM:
@@ -403,9 +411,11 @@ def limits_of_still(scenario: Scenario, still: Scene, *, beside_people: bool) ->
         moving=None,
     )
     if scenario.limits.max_danger and beside_people:
-        _log.warning("limits.max_danger is about still obstacles only; the robot keeps a distance from people who move")
+        _log.warning("limits.max_danger applies to still obstacles only; the robot keeps a distance from moving people")
     if scenario.people is not None and scenario.people.contact:
         _log.warning("contact is allowed: %s", scenario.people.contact_sentence)
     if scenario.motion.max_danger is not None:
-        _log.warning("motion.max_danger is not applied in `live`; it keeps a distance from all that moves")
+        _log.warning(
+            "motion.max_danger is not applied in `live`; the robot keeps a distance from everything that moves"
+        )
     return replace(scenario, scene=still, people=None, limits=limits)

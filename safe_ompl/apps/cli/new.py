@@ -85,7 +85,7 @@ def add_commands(commands: Any) -> None:
     option(parser, "-o, --output FILE", "where the scenario goes (.yaml)", read, required=True)
     words = "write a program for an arm with a gripper: it takes a cube from a table and puts it elsewhere"
     option(parser, "--pick-and-place", words)
-    option(parser, "--srdf FILE", "its SRDF, which says which links may touch")
+    option(parser, "--srdf FILE", "the robot's SRDF, which lists the links that may touch")
     words = "MoveIt's joint_limits.yaml (default: the one beside the SRDF, if there is one)"
     option(parser, "--joint-limits FILE", words)
     option(parser, "--tip FRAME", "frame at the end of the arm")
@@ -122,7 +122,7 @@ def _prepare_new(options: argparse.Namespace) -> Callable[[], int]:
         # Packages of MoveIt hold both files in one folder.
         beside = Path(options.srdf).with_name("joint_limits.yaml")
         if beside.is_file():
-            _say(f"safe-ompl: the limits of {beside} are those of the robot, too")
+            _say(f"safe-ompl: joint limits are also read from {beside}")
             chosen["joint_limits"] = beside
     chosen |= {"package_dirs": options.package_dir, "xacro_args": arguments.xacro_args(options)}
     with document.within("--", separator=""):
@@ -143,10 +143,10 @@ def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
     mimics = {name: mimic for name, mimic in urdf.mimics().items() if full.existJointName(mimic.primary)}
     srdf = given.srdf_file()
     if srdf is None and given.group:
-        raise InputError("is a name of an SRDF: give --srdf, too", "--group")
+        raise InputError("is defined in an SRDF: give --srdf, too", "--group")
     group, tip, moving = _arm(full, mimics, srdf, given)
     if not moving:
-        raise InputError("it has no arm: no joint that could be planned for moves a link", str(given.urdf))
+        raise InputError("the robot has no arm: no joint that can be planned for moves a link", str(given.urdf))
     still = [name for name in list(full.names)[1:] if name not in mimics and name not in moving]
     locked = {name: resting_value(full, name) for name in still}
     spec = replace(given, group=group, tip=tip, locked=locked)

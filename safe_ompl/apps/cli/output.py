@@ -169,7 +169,7 @@ def each_until_ctrl_c(items: Iterable[Item], do: Callable[[Item], object]) -> in
         return 0
     if not done:
         raise KeyboardInterrupt
-    error_console().print("safe-ompl: interrupted: this is what was done by then")
+    error_console().print("safe-ompl: interrupted: the results are incomplete")
     return INTERRUPTED
 
 
@@ -221,7 +221,7 @@ def _check_place(path: Path, option: str, inputs: Sequence[str | Path], *, force
     except OSError as error:
         raise InputError(f"cannot write {file!r} ({error.strerror})", option) from None
     if path.exists() and not force:
-        raise InputError(f"{file!r} is there already: give another file, or --force", option)
+        raise InputError(f"{file!r} already exists: give another file, or --force", option)
 
 
 def missing_extra(extra: str) -> str | None:

@@ -53,7 +53,7 @@ class CubeGripper:
         if not self.joints:
             raise InputError(f"the arm with the tip {tip!r} has no gripper: no finger moves behind it", self._where)
         if len(self.joints) > _MOST_GRIPPER_JOINTS:
-            raise InputError(f"it is not known which of {len(self.joints)} joints close the hand", self._where)
+            raise InputError(f"cannot decide which of {len(self.joints)} joints close the hand", self._where)
         self._robot = robot = Robot(replace(spec, free=tuple(self.joints)))
         self._body, model = RobotBody(robot, coarse=True), robot.shared.model
         moved = {model.getJointId(name) for name in fingers if model.existJointName(name)}
@@ -73,7 +73,7 @@ class CubeGripper:
         base = (self._robot.tip_pose(self._posture({})).inverse() * data.oMi[wrist]).translation
         first = self._corners({})
         if len(first) < 2:
-            raise InputError("the gripper has no two fingers with collision shapes that move", self._where)
+            raise InputError("the gripper needs two moving fingers with collision shapes", self._where)
         self._ahead = _axis(np.mean([corners.mean(axis=0) for corners in first.values()], axis=0) - base)
         self._pair = sorted(first, key=lambda root: -float((first[root] @ self._ahead).max()))[:2]
         apart = first[self._pair[1]].mean(axis=0) - first[self._pair[0]].mean(axis=0)

@@ -39,7 +39,7 @@ def add_commands(commands: Any) -> None:
     parser = arguments.add_parser(commands, "plan", prepare, "plan one path and report on it")
     arguments.add_scenario(parser)
     arguments.add_planner_options(parser, usual_time="the scenario's")
-    option(parser, "--optimise SECONDS", "the best path that this time allows, refined", arguments.seconds)
+    option(parser, "--optimise SECONDS", "search for this long, and return the best path found", arguments.seconds)
     words = "the best of K plans, whose seeds count up; each has the time limit"
     option(parser, "--starts K", words, arguments.count)
     arguments.add_workers(parser, "starts")
@@ -59,7 +59,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     begin = perf_counter()
     scenario = arguments.with_limits(arguments.load_scenario(options.scenario, options.package_dir), options)
     if options.workers and not options.starts:
-        raise InputError("share starts: give --starts K, too", "--workers")
+        raise InputError("run starts in parallel: give --starts K, too", "--workers")
     if scenario.program is not None:
         return _prepare_program(options, scenario)
     robot = scenario.build_robot()
@@ -101,7 +101,7 @@ def _plan(
     if limits is not None and result.path is not None:
         trajectory = timed(result, scenario, limits)
     if options.certificate and result.path is None:
-        output.error_console().print(f"safe-ompl: there is no path: nothing is written to {options.certificate}")
+        output.error_console().print(f"safe-ompl: no path was found: nothing is written to {options.certificate}")
     elif options.certificate:
         proof = certificate_of(result, setup, scenario, options.certificate, trajectory)
         output.write_json(options.certificate, proof)
@@ -124,7 +124,10 @@ def add_timed_options(
     group = parser.add_argument_group("time", "the motion in time, with limits and people of the scenario")
     option(group, switch, words, dest="timed")
     option(
-        group, "--rate HZ", f"points per second of the trajectory at least; default: {motions.RATE:g}", arguments.limit
+        group,
+        "--rate HZ",
+        f"minimum number of trajectory points per second; default: {motions.RATE:g}",
+        arguments.limit,
     )
     option(
         group,
@@ -136,8 +139,7 @@ def add_timed_options(
     option(
         group,
         "--timed-plot FILE",
-        "draw its speed and the limits that bound it, its joints and their limits, and its danger (.png, …); implies "
-        f"{switch}",
+        f"plot path speed, joints and danger over time, with their limits (.png, …); implies {switch}",
         output.PICTURE,
     )
 
@@ -146,7 +148,7 @@ def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -
     """Validate the options of a trajectory and return the scenario's joint limits; None if no option asks for one."""
     if not (options.timed or options.trajectory or options.timed_plot):
         if options.rate is not None:
-            raise InputError("is for a path in time: give --trajectory FILE, too", "--rate")
+            raise InputError("needs a timed trajectory: give --trajectory FILE, too", "--rate")
         return None
     return motions.RateLimits.of(robot, scenario.motion.velocity, scenario.motion.acceleration, scenario.motion.jerk)
 
@@ -207,7 +209,7 @@ def show_timed(
         if not found:
             output.error_console().print(
                 f"safe-ompl: nothing is written to {options.trajectory}: between its points {found.violations[0]}; "
-                "another --rate may do"
+                "try another --rate"
             )
             return False
         if factor > 1:
@@ -257,7 +259,7 @@ _NOT_FOR_PROGRAMS = ("param", "simplify", "optimise", "starts", "workers", "ways
 
 def _prepare_program(options: argparse.Namespace, scenario: Scenario) -> Callable[[], int]:
     """Validate the options and return a function that plans one proven motion through all steps of the program."""
-    why = "is for a path to a goal; the scenario has a program, whose motion is in time and proven anyway"
+    why = "is only for a path to a goal; the motion of a program is always timed and proven"
     arguments.refuse(options, _NOT_FOR_PROGRAMS, why)
     if options.planner != arguments.PLANNER:
         raise InputError(why, "--planner")

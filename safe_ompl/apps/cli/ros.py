@@ -47,19 +47,19 @@ def add_commands(commands: Any) -> None:
         commands,
         "ros",
         prepare,
-        "a node of ROS 2 that drives a robot to goals beside people and things that move",
+        "ROS 2 node that moves a robot to goals beside moving people and objects",
         "Subscribe to joint states, people, obstacles, a point cloud and goals, and publish what the robot should do, "
         "in pieces that end in a stop, with diagnostics and markers. "
-        "Obstacles of limits.moving move.",
+        "Obstacles of limits.moving may move.",
     )
     parser.set_defaults(controller="")
-    option(parser, "--shield", "follow what comes on the topic `proposal`, as far as it is proven; no goals")
+    option(parser, "--shield", "follow the motions on the topic `proposal` as far as they are proven, instead of goals")
     _add_options(parser)
     parser = arguments.add_parser(
         commands,
         "guard",
         prepare,
-        "a node of ROS 2 in front of a controller: trajectories are proven, stop for people, and go on",
+        "ROS 2 node in front of a controller: proves trajectories, stops for people, and continues",
         f"Serve the action NAME/{ACTION} (control_msgs/action/FollowJointTrajectory), and publish on "
         "NAME/joint_trajectory what the controller should do, in pieces that end in a stop. People, obstacles and a "
         "point cloud come as for `safe-ompl ros`.",
@@ -72,16 +72,16 @@ def add_commands(commands: Any) -> None:
 def _add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that both commands have."""
     arguments.add_scenario(parser)
-    option(parser, "--people NAME[,…]", f"who is tracked, or {_NOBODY}; default: the scenario's", arguments.names)
+    option(parser, "--people NAME[,…]", f"tracked people, or {_NOBODY}; default: the scenario's", arguments.names)
     option(parser, "--skeleton NAME", "key points of people, such as coco17; default: those of the package")
     option(parser, "--noise M", "largest error of key points [m]", arguments.noise, 0.0)
     option(parser, "--tick S", "time between commands", arguments.seconds, 0.05)
     for name, usual, what in (
-        ("latency", 0.05, "from a tick until its command holds, at most a tick [s]"),
-        ("clock-error", 0.01, "by which clocks of sensors may differ from the node's [s]"),
-        ("tolerance", 0.05, "how far a joint may be from where it should be [rad or m]"),
-        ("lost-after", 0.5, "without a measurement for so long, somebody is lost [s]"),
-        ("cloud-radius", 0.02, "of the ball about each point of a cloud [m]"),
+        ("latency", 0.05, "time from a tick until its command takes effect, at most a tick [s]"),
+        ("clock-error", 0.01, "largest difference between the sensors' clocks and the node's [s]"),
+        ("tolerance", 0.05, "largest tracking error of a joint [rad or m]"),
+        ("lost-after", 0.5, "a person without a measurement for this time counts as lost [s]"),
+        ("cloud-radius", 0.02, "radius of the ball about each point of a cloud [m]"),
     ):
         option(parser, f"--{name} X", what, arguments.limit, usual)
     arguments.add_mcap(parser)
@@ -90,7 +90,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         "--ros-args",
         nargs=argparse.REMAINDER,
         default=[],
-        help="the rest is for ROS: names of topics (-r joint_states:=/arm/joint_states), -p use_sim_time:=true",
+        help="arguments for ROS: topic names (-r joint_states:=/arm/joint_states), -p use_sim_time:=true",
     )
 
 
@@ -102,7 +102,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         trajectory_action()
     scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=bool(options.controller))
     if scenario.program is not None:
-        arguments.refuse(options, ("shield", "simplify"), "is for paths to goals; the scenario has a program")
+        arguments.refuse(options, ("shield", "simplify"), "is only for paths to goals, but the scenario has a program")
     trackers = trackers_of(scenario, options)
     control = ControlOptions(
         ReplanningOptions(tick=options.tick, lost_after=options.lost_after),

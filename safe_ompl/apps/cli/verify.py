@@ -33,15 +33,25 @@ def add_commands(commands: Any) -> None:
         "verify",
         prepare,
         "check the certificate of a path",
-        "Check a certificate that `plan --certificate` wrote: that, pair by pair, nothing can touch on the whole "
-        "motion, and what it claims besides. With a scenario everything else comes from "
-        "there: robot, scene, people, options of the danger and limits of the motion; what the file says must agree. "
-        "Without one robot and scene are the file's own, which the answer says. The exit status is 0 if it holds.",
+        "Check a certificate that `plan --certificate` wrote: no pair of bodies collides on the whole "
+        "motion, and its other claims hold. If a scenario is given, everything else is taken from "
+        "it: robot, scene, people, options of the danger and limits of the motion; the file must agree. "
+        "Else robot and scene are those recorded in the file, and the output says so. "
+        "The exit status is 0 if all claims hold.",
     )
     option(parser, "file FILE", "the certificate")
-    option(parser, "scenario SCENARIO", "what it must be about; default: what the file carries", nargs="?")
     option(
-        parser, "--time SECONDS", "leave undecided what is not verified by then", arguments.seconds, certificates.TIME
+        parser,
+        "scenario SCENARIO",
+        "scenario of the certificate; default: robot and scene recorded in the file",
+        nargs="?",
+    )
+    option(
+        parser,
+        "--time SECONDS",
+        "time limit; what is not verified by then counts as undecided",
+        arguments.seconds,
+        certificates.TIME,
     )
 
 

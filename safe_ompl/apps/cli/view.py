@@ -59,7 +59,7 @@ def add_commands(commands: Any) -> None:
     words = "write the motions side by side as one moving picture (.webp or .gif)"
     option(parser, "--animation FILE", words, output.output_file(*ANIMATION_ENDINGS, extra="plots"))
     option(parser, "--port N", "port; the next free one if it is taken", arguments.port, 8080)
-    option(parser, "--no-browser", "do not open the browser, only say the address")
+    option(parser, "--no-browser", "print the address instead of opening the browser")
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:

@@ -45,7 +45,7 @@ class Budget:
         """Raise CertificateError if the time is over."""
         if perf_counter() > self._end:
             raise CertificateError(
-                f"undecided: what came first holds, but {self._seconds:g} s were over at {self.where}; "
+                f"undecided: all earlier checks passed, but {self._seconds:g} s were over at {self.where}; "
                 "give more time (--time)"
             )
 

@@ -176,7 +176,7 @@ class RecordedLaw:
         self._check_joined(robot, curve, path)
         self.edges, self.squares = claim.edges, claim.squares
         if len(self.edges) != len(self.squares):
-            raise CertificateError("trajectory: it has not one speed for each grid point")
+            raise CertificateError("trajectory: must have one speed for each grid point")
         self.window = claim.window or 0.0
         self.of = self._check_grid()
         self._corners = [self._grid_point(self.starts[k]) for k in corners]
@@ -251,7 +251,7 @@ class RecordedLaw:
             if away > 1e3 * _REACH_ROUNDING * min(before.length, after.length):
                 raise CertificateError(f"trajectory: piece {k} does not begin at a grid point")
         if (self.squares[1:] + self.squares[:-1] == 0).any():
-            raise CertificateError("trajectory: it stands where it should move")
+            raise CertificateError("trajectory: the speed is 0 at two neighbouring grid points")
         middles = (edges[1:] + edges[:-1]) / 2
         return [min(max(int(k) - 1, 0), len(self.pieces) - 1) for k in np.searchsorted(self.starts, middles)]
 

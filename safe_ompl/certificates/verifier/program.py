@@ -119,7 +119,7 @@ class AllowedChanges:
         wanted = self._changes[self._passed : self._passed + len(changes)]
         if sorted(wanted, key=str) != sorted(changes, key=str):
             said = ", ".join(f"{name!r} {'put down' if tip is None else f'taken by {tip!r}'}" for name, tip in changes)
-            raise CertificateError(f"{said}: the program of the scenario has it otherwise")
+            raise CertificateError(f"{said}: the program of the scenario differs")
         grips = [grip for some in self._grips[self._passed : self._passed + len(changes)] for grip in some.items()]
         for name, value in grips:
             here = float(q[self._robot.joint_names.index(name)])

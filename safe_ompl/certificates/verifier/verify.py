@@ -271,7 +271,7 @@ class AskedTerms:
         if claim is None or asked is None:
             return
         if not asked:
-            raise CertificateError(f"{what}: it is claimed, but there is nothing in the scenario that it is about")
+            raise CertificateError(f"{what}: is claimed, but the scenario does not contain it")
         for name, value in asked.items():
             if hasattr(claim, name) and not _agree(
                 getattr(claim, name), value, _EQUAL_LIMITS if name in _COMPUTED else 0.0

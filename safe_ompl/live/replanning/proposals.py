@@ -128,7 +128,7 @@ class Positions:
         if rate is not None:
             positions = finite_array(motion, (None, robot.n), "chunk")
             if len(positions) < 2:
-                raise InputError(f"must have two positions at least, got {len(positions)}", "chunk")
+                raise InputError(f"must have at least two positions, got {len(positions)}", "chunk")
             times = np.arange(float(len(positions))) / number("rate", rate, above=0.0)
         else:
             given = Motion.of(motion, space=robot).for_robot(robot)
@@ -197,7 +197,7 @@ class Positions:
         little, and where the robot is slower than proposed s̈ has a part in it.
         """
         if self.duration - begin < _OVER:
-            raise InputError(f"is too late: it was over {begin - self.duration:.3g} s ago", "proposal")
+            raise InputError(f"is too late: it ended {begin - self.duration:.3g} s ago", "proposal")
         first = int(np.searchsorted(self.times, begin, side="right"))
         spacing = float(np.diff(self.times)[max(first - 1, 0)])
         if first + 1 < len(self.times) and self.times[first] - begin < 0.5 * spacing:

@@ -112,7 +112,7 @@ class Replanner(CommandProver):
         """
         if trajectory.joint_names != self.robot.joint_names:
             raise InputError(
-                f"the trajectory is of the joints {trajectory.joint_names}, the robot's are {self.robot.joint_names}"
+                f"the trajectory has the joints {trajectory.joint_names}, the robot's are {self.robot.joint_names}"
             )
         path = BoundedPath.along(self.bodies, trajectory.curve, SpeedLimits.of(trajectory))
         last = self._last

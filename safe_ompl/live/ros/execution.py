@@ -107,7 +107,7 @@ class Execution:
     def of(cls, goal: Any, robot: Robot, tolerance: float) -> Execution:
         """Read a goal of the action; `tolerance` [rad or m] holds where it has none. Raises GoalError."""
         if goal.multi_dof_trajectory.joint_names or goal.component_path_tolerance or goal.component_goal_tolerance:
-            raise GoalError(Code.INVALID_JOINTS, "has joints of several degrees of freedom: none is known here", "goal")
+            raise GoalError(Code.INVALID_JOINTS, "has multi-DOF joints, which are not supported", "goal")
         given, points = goal.trajectory, goal.trajectory.points
         strange = [name for name in given.joint_names if name not in robot.joint_names]
         if strange:
@@ -172,7 +172,11 @@ def _tolerance(given: Any, what: str, robot: Robot, usual: float) -> Tolerance:
         if one.name not in robot.joint_names:
             raise GoalError(Code.INVALID_JOINTS, f"{one.name!r} is not one of {robot.joint_names}", what)
         if one.acceleration > 0:
-            raise GoalError(Code.INVALID_GOAL, f"has an acceleration of {one.name!r}: that is not measured", what)
+            raise GoalError(
+                Code.INVALID_GOAL,
+                f"has an acceleration of {one.name!r}, which cannot be checked: accelerations are not measured",
+                what,
+            )
         if what == "path_tolerance" and not 0 <= one.position <= usual:
             said = f"of {one.name!r} must be at most {usual:g}, which stops the robot, got {one.position:g}"
             raise GoalError(Code.INVALID_GOAL, said, what)

@@ -250,7 +250,7 @@ def _motion(rows: Rows, names: tuple[str, ...], begin: int) -> Motion:
     # Of samples with equal times, the last one counts.
     last = dict(own)
     if len(last) < 2:
-        raise InputError(f"must have samples of {', '.join(names)} at two times at least, got {len(last)}")
+        raise InputError(f"must have samples of {', '.join(names)} at two or more times, got {len(last)}")
     times = (np.array(list(last)) - begin) / messages.SECOND
     table = [[values[name] for name in names] for values in last.values()]
     return Motion.hermite(times, table, names=names)

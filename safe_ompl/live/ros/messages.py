@@ -229,7 +229,7 @@ class FramePlaces:
     def place(self, header: Any) -> pin.SE3:
         """Return the pose of a header's frame in the world; raise InputError if it is unknown."""
         if not header.frame_id:
-            raise InputError("is empty: say in which frame it is", "frame_id")
+            raise InputError("is empty: the frame must be named", "frame_id")
         name = header.frame_id.removeprefix("/")
         if name in self._places:
             return self._places[name]
@@ -254,7 +254,7 @@ def seconds(time: Any) -> float:
 def stamp_of(header: Any) -> float:
     """Return the time of a header [s]; raise InputError if it has none."""
     if seconds(header.stamp) <= 0:
-        raise InputError("is missing, but needed: when was it measured?", "stamp")
+        raise InputError("is missing: the time of the measurement is needed", "stamp")
     return seconds(header.stamp)
 
 

@@ -44,7 +44,7 @@ class CheckOutcome:
 class Validation:
     """Result of the validation of a path; true if every edge is proven and the user's checker accepts the path.
 
-    `proven` is whether every edge is proven to satisfy all `claims`: "collision", "min clearance", "max danger",
+    `proven` is whether every edge is proven to satisfy all `claims`: "no collision", "min clearance", "max danger",
     "moving obstacles", "tool orientation", "tip position". `refused` is the index of the first edge that is not proven,
     or that the user's checker refuses, with the verdict. `checks` has the results of the user's checkers, which are
     sampled, not proven.
@@ -52,7 +52,7 @@ class Validation:
 
     proven: bool
     refused: tuple[int, MotionVerdict] | None = None
-    claims: tuple[str, ...] = ("collision",)
+    claims: tuple[str, ...] = ("no collision",)
     checks: tuple[CheckOutcome, ...] = ()
 
     def __bool__(self) -> bool:
@@ -89,7 +89,7 @@ def validate(path: ArrayLike, motion: MotionProver) -> Validation:
     """
     path = motion.checker.robot.way_points(path)
     if not len(path):
-        raise InputError("path must have a configuration at least, got none")
+        raise InputError("path must have at least one configuration, got none")
     own = [limit for limit in motion.limits if isinstance(limit, UserCheck)]
     proof = replace(motion, limits=[limit for limit in motion.limits if not isinstance(limit, UserCheck)])
     refused = first_refused(path, proof)

@@ -168,7 +168,7 @@ class Simplifier:
         """
         checked = self.robot.way_points(path)
         if len(checked) < 2:
-            raise InputError(f"path must have two configurations at least, got {len(checked)}")
+            raise InputError(f"path must have at least two configurations, got {len(checked)}")
         return SimplificationRun(self, checked.copy(), stop, on_better, proven)
 
     def simplify(self, path: ArrayLike, stop: Stop | float, *, proven: bool = False) -> FloatArray:

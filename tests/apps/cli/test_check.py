@@ -64,7 +64,7 @@ def table(file, columns):
 def test_a_motion_is_proven_or_what_is_not_is_said(says, tmp_path, setup):
     save(motion(), "free.json")
     free = "check free.json --scenario own.yaml"
-    says(f"{free} --widest-tube --json found.json", "proven: joint limits, collision")
+    says(f"{free} --widest-tube --json found.json", "proven: joint limits, no collision")
     found = json.loads((tmp_path / "found.json").read_text())
     width = found["widest_tube"]["joint1"]
     assert (found["proven"], found["violations"]) == (True, [])
@@ -72,7 +72,7 @@ def test_a_motion_is_proven_or_what_is_not_is_said(says, tmp_path, setup):
     says(f"{free} --tube {1.1 * width}", "clearance", status=1)
     save(motion(TOUCHING), "touching.json")
     record = json.loads(says("check touching.json --scenario own.yaml --json -", status=1))
-    assert record["claims"] == ["joint limits", "collision"]
+    assert record["claims"] == ["joint limits", "no collision"]
     for violation in record["violations"]:
         q = motion(TOUCHING).at(violation["at"])
         distances = dict(zip(setup.checker.pair_names, setup.checker.pair_distances(q), strict=True))
@@ -126,7 +126,7 @@ def test_a_certificate_claims_what_is_written(call, tmp_path):
     save(motion(TOUCHING), "touching.json")
     command = ("check", "touching.json", "--scenario", "own.yaml", "--certificate", "proof.json")
     status, _, err = call(*command)
-    assert (status, err) == (1, "safe-ompl: it is not proven: nothing is written to proof.json\n")
+    assert (status, err) == (1, "safe-ompl: the motion is not proven: nothing is written to proof.json\n")
     assert not (tmp_path / "proof.json").exists()
     assert call(*command, "--repair", "out.json")[0] == 0
     assert "polynomials in 4.000 s" in call("verify", "proof.json")[1]
@@ -164,9 +164,9 @@ def beside_people(tmp_path, call):
 
 @pytest.mark.usefixtures("beside_people")
 def test_stops_beside_the_scenarios_people_are_proven(says, tmp_path):
-    says("check slow.json --scenario own.yaml", "velocity, acceleration, collision, stops beside people")
+    says("check slow.json --scenario own.yaml", "velocity, acceleration, no collision, stops beside people")
     says("check fast.json --scenario own.yaml --no-people --json found.json", "not looked at: --no-people")
-    assert json.loads((tmp_path / "found.json").read_text())["claims"] == ["joint limits", "collision"]
+    assert json.loads((tmp_path / "found.json").read_text())["claims"] == ["joint limits", "no collision"]
     says("check fast.json --scenario own.yaml", "separation", "ball", status=1)
     save(Motion.through([START, START + 0.1], names=NAMES), "path.json")
     says("check path.json --scenario own.yaml", "not looked at: the motion has no times")
@@ -188,12 +188,12 @@ def test_a_motion_that_is_too_fast_is_repaired_by_time(call, tmp_path, setup):
 @pytest.mark.usefixtures("beside_people")
 def test_what_is_not_proven_beside_people_is_refused_in_a_line(refuses, tmp_path):
     slow = "check slow.json --scenario own.yaml"
-    refuses(f"{slow} --certificate proof.json", "--certificate: certificates of motions have no claim")
+    refuses(f"{slow} --certificate proof.json", "--certificate: certificates of motions cannot state stops")
     save(Motion.hermite([0.0, 4.0], [START, 0.9 * START], names=NAMES), "line.json")
     refuses("check line.json --scenario own.yaml", "line.json: motion: must end at rest")
     jerk = {"acceleration": 4.0, "velocity": 3.0, "jerk": 100.0}
     (tmp_path / "own.yaml").write_text(yaml.safe_dump(scenario(people=PEOPLE, motion=jerk)))
-    refuses(slow, "motion.jerk: stops that keep a limit of the jerk")
+    refuses(slow, "motion.jerk: stops with a jerk limit")
 
 
 # ------------------------------------------------------------------------------------------ way points timed anew
@@ -217,7 +217,7 @@ def test_way_points_are_timed_beside_people_within_limits_and_verified(call, say
     assert len(alone) == 1
     says((*command, "--trajectory", "out.csv", "--certificate", "proof.json"), "timed: ", "separation")
     says("verify proof.json own.yaml", "it stands before anyone of ball")
-    says("check out.csv --scenario own.yaml", "velocity, acceleration, collision, stops beside people")
+    says("check out.csv --scenario own.yaml", "velocity, acceleration, no collision, stops beside people")
     motions = [read_motion(tmp_path / name, setup.robot) for name in ("out.csv", "alone.csv")]
     assert motions[0].duration > 1.2 * motions[1].duration
     for found in motions:
@@ -323,10 +323,10 @@ BAD_OPTIONS = [
     (("--tube", "joint1=0.1"), "--tube: no value for 'joint2', 'joint3'"),
     (("--tube", "elbow=0.1"), "--tube: unknown joint 'elbow'; known: joint1, joint2, joint3"),
     (("--tube", "joint1=0.1,joint1=0.2"), "argument --tube: 'joint1' is given twice"),
-    (("--max-velocity", "3"), "--max-velocity: free.json: is for samples in time, without velocities"),
+    (("--max-velocity", "3"), "--max-velocity: free.json: is only for timed samples without velocities"),
     (("--retime", "--repair", "out.json"), "--repair: is for a motion with its own times: leave out --retime"),
     (("--retime", "--widest-tube"), "--widest-tube: is for a motion with its own times: leave out --retime"),
-    (("--rate", "50"), "--rate: is for a path in time: give --trajectory FILE, too"),
+    (("--rate", "50"), "--rate: needs a timed trajectory: give --trajectory FILE, too"),
 ]
 
 
@@ -340,7 +340,7 @@ def test_options_that_cannot_be(refuses, tmp_path, options, said):
 NO_LOGS = [
     ("time,joint1_commanded", ("log.csv",), "log.csv: joint1_measured: missing"),
     ("joint1_commanded,joint1_measured", ("log.csv",), "log.csv: time: missing"),
-    ("time,joint1", ("log.csv",), "log.csv: columns: must be <joint>_commanded and <joint>_measured, got none"),
+    ("time,joint1", ("log.csv",), "log.csv: columns: must contain columns <joint>_commanded and <joint>_measured, got none"),
     ("time,joint1", ("log.json",), "log.json: must be a log, with one of the endings .csv, .tsv, .txt, .npz"),
     ("time,joint1", (), "give logs, or both --commanded and --measured"),
     ("time,joint1", ("--measured", "log.csv"), "give logs, or both --commanded and --measured"),

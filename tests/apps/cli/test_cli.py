@@ -133,7 +133,7 @@ def test_plan_writes_json_to_standard_output_and_nothing_else(run):
 
 @pytest.mark.usefixtures("quick_renderer")
 def test_plan_shows_a_table_beside_files(says, folder):
-    words = ("test · arm", "RRTConnect", "Exact solution", "certified: collision", "danger mean", "clearance ")
+    words = ("test · arm", "RRTConnect", "Exact solution", "certified: no collision", "danger mean", "clearance ")
     says("plan test.yaml --planner RRTConnect --json result.json --plot path.png", *words)
     assert (folder / "path.png").read_bytes().startswith(b"\x89PNG")
     assert strict((folder / "result.json").read_text())["planner"] == "RRTConnect"
@@ -193,7 +193,7 @@ def test_without_a_path_there_is_no_certificate(run, folder, monkeypatch):
     unsolved = failure("Timeout", "SafeRRTConnect", 0, ("a",))
     monkeypatch.setattr(SafeSetup, "plan", lambda *arguments, **options: unsolved)
     status, _, err = run("plan", "test.yaml", "--certificate", "proof.json")
-    assert (status, err) == (1, "safe-ompl: there is no path: nothing is written to proof.json\n")
+    assert (status, err) == (1, "safe-ompl: no path was found: nothing is written to proof.json\n")
     assert not (folder / "proof.json").exists()
 
 
@@ -517,10 +517,10 @@ def test_checking_an_output_file_leaves_it_alone(refuses, folder):
 
 
 OUTPUTS = [
-    ("plan test.yaml --json old.json", "--json: 'old.json' is there already"),
+    ("plan test.yaml --json old.json", "--json: 'old.json' already exists"),
     ("check old.json --scenario test.yaml --repair old.csv", "--repair: 'old.csv' is there"),
-    ("new arm.urdf -o old.yaml", "--output: 'old.yaml' is there already"),
-    ("srdf arm.urdf -o arm.srdf", "--output: 'arm.srdf' is there already"),
+    ("new arm.urdf -o old.yaml", "--output: 'old.yaml' already exists"),
+    ("srdf arm.urdf -o arm.srdf", "--output: 'arm.srdf' already exists"),
     ("compare test.yaml --out old", "--out: the folder 'old' holds report.json already"),
     ("live test.yaml --movers 1 --out old", "'old' holds ticks.jsonl already"),
 ]

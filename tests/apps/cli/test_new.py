@@ -335,7 +335,7 @@ def test_limits_beside_the_srdf_are_those_of_the_scenario(urdf, tmp_path, capsys
     limits.write_text("joint_limits: {shoulder: {max_position: 2.0, max_velocity: 1.5}}\n")
     given = ["new", str(urdf), "--srdf", str(srdf), "--package", f"parts={tmp_path}", "-o"]
     assert main([*given, str(tmp_path / "mine.yaml")]) == 0
-    assert f"the limits of {limits} are those of the robot" in capsys.readouterr().err.replace("\n", " ")
+    assert f"joint limits are also read from {limits}" in capsys.readouterr().err.replace("\n", " ")
     robot = Scenario.load(tmp_path / "mine.yaml").build_robot()
     assert robot.upper[0] == 2.0
     assert robot.spec.package_dirs == (("parts", tmp_path),)

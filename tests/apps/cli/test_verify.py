@@ -124,7 +124,7 @@ OTHERWISE = [
     ("speed: 0.4", "speed: 0.5", "stops: speed is 0.4 in its claim, 0.5 is asked for"),
     ("reaction_time: 0.1", "reaction_time: 0.2", "stops: reaction_time is 0.1"),
     ("who: [person]", "who: [bin]", r"stops: who is ('person',) in its claim, ['bin'] is asked for"),
-    ("people: {who: [person], speed: 0.4, reaction_time: 0.1}", "", "stops: it is claimed, but"),
+    ("people: {who: [person], speed: 0.4, reaction_time: 0.1}", "", "stops: is claimed, but"),
     ("tool_speed: 3.0", "tool_speed: 2.5", "motion in time: tool_speed is 3.0 in its claim, 2.5 is asked for"),
     ("acceleration: 4.0", "acceleration: 3.0", "motion in time: acceleration is [4.0, 4.0] in its claim"),
 ]

@@ -243,7 +243,7 @@ def test_a_scene_of_moveit_in_a_scenario_must_be_there(tmp_path):
         ({"moveit": "none.scene"}, "scene.yaml:1: moveit: .*none.scene' does not exist"),
         ({"moveit": 3}, "moveit: must be text"),
         ({"moveit": "scene.yaml"}, "moveit: .* must end in .scene"),
-        ({"meshes": "folder"}, "meshes: is for the file of moveit, which is missing"),
+        ({"meshes": "folder"}, "meshes: needs the key moveit with a file, which is missing"),
         ({"movit": "x.scene"}, "movit: unknown key; did you mean 'moveit'"),
     ):
         file.write_text(yaml.safe_dump(content))

@@ -246,11 +246,11 @@ def test_when_it_begins(drive, there):
     [
         ({"names": ["finger"]}, Code.INVALID_JOINTS, "joint_names: 'finger' is not one of"),
         ({"names": [f"panda_joint{k}" for k in range(1, 7)]}, Code.INVALID_JOINTS, "must be as many as the 6 names"),
-        ({"bases": ["base"]}, Code.INVALID_JOINTS, "several degrees of freedom"),
+        ({"bases": ["base"]}, Code.INVALID_JOINTS, "multi-DOF joints"),
         ({"path": tolerances(joint={})}, Code.INVALID_JOINTS, "path_tolerance: 'joint' is not one of"),
         ({"path": tolerances(panda_joint1={"position": 0.2})}, Code.INVALID_GOAL, "must be at most 0.05"),
         ({"path": tolerances(panda_joint1={"position": -1.0})}, Code.INVALID_GOAL, "must be at most 0.05"),
-        ({"end": tolerances(panda_joint1={"acceleration": 1.0})}, Code.INVALID_GOAL, "that is not measured"),
+        ({"end": tolerances(panda_joint1={"acceleration": 1.0})}, Code.INVALID_GOAL, "accelerations are not measured"),
         ({"times": [0.0, 0.0]}, Code.INVALID_GOAL, "time_from_start: must increase from 0 on"),
         ({"rows": [[START, [np.nan] * 7]]}, Code.INVALID_GOAL, "must be finite"),
         ({"rows": [[[], []]]}, Code.INVALID_GOAL, "points: must have at least one point, and positions"),

@@ -253,7 +253,7 @@ def test_what_cannot_be_is_refused(replanner_for, to_and_fro, panda, table, trac
     for limit in slow.velocity_limits:
         object.__setattr__(limit, "point_speed", None)
     for trajectory, message in (
-        (arm, "the trajectory is of the joints"),
+        (arm, "the trajectory has the joints"),
         (down, "is not proven free of still obstacles"),
         (slow, "trajectory: the limit 'tool speed' is proven on the trajectory's own curve only"),
     ):
@@ -261,7 +261,7 @@ def test_what_cannot_be_is_refused(replanner_for, to_and_fro, panda, table, trac
             replanner_for("ball").start(trajectory)
     with pytest.raises(UnknownNameError, match="unknown obstacle 'cube'"):
         Surroundings(table, {}, {"cube": 1.0})
-    with pytest.raises(InputError, match="'ball' is a person and an object"):
+    with pytest.raises(InputError, match="'ball' is both a person and an object"):
         Surroundings(table, {"ball": tracker}, {"ball": 1.0})
     for wrong in ({"tick": 0.0}, {"lost_after": -1.0}):
         with pytest.raises(InputError, match=next(iter(wrong))):

@@ -143,7 +143,7 @@ BAD = {  # what becomes of a chunk (16, 7), and how it is refused
     "jumps at 0.2 s of it: joint 'panda_joint1' by": lambda positions: np.vstack([positions[:5], positions[5:] + 0.5]),
     "jumps from where the robot is": lambda positions: positions + 0.5,
     r"got \(16, 6\)": lambda positions: positions[:, :6],
-    "two positions at least": lambda positions: positions[:1],
+    "at least two positions": lambda positions: positions[:1],
     "too late": lambda positions: positions,
 }
 

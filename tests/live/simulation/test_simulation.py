@@ -162,7 +162,7 @@ def test_recordings_that_are_none(clips, tmp_path):
     text = tmp_path / "text.npz"
     text.write_text("nothing")
     for file in (text, tmp_path / "missing.npz"):
-        with pytest.raises(InputError, match=f"{file.name}: (cannot be read|is no archive)"):
+        with pytest.raises(InputError, match=f"{file.name}: (cannot be read|is not an NPZ archive)"):
             Recording.load(file)
     good = {"names": np.array(RECORDING.points), "rate": 20.0, "clip_0": swaying()}
     nan = swaying()
@@ -260,8 +260,8 @@ def test_the_command_drives_a_program_and_goes_on_where_it_stopped(tmp_path, cap
         (["--people", "random", "--clip", "clip_0"], "--clip: is for recordings, not for 'random'"),
         (["--html", "page.txt"], "--html: 'page.txt' must end in .html"),
         (None, "--people: no person and no object moves"),
-        (["--movers", "1", "--clip", "clip_0"], "--clip: there is nobody"),
-        (["--movers", "1", "--place", "1,0,0,0"], "--place: there is nobody"),
+        (["--movers", "1", "--clip", "clip_0"], "--clip: nobody moves"),
+        (["--movers", "1", "--place", "1,0,0,0"], "--place: nobody moves"),
     ],
 )
 def test_the_command_refuses_in_one_line(clips, tmp_path, capsys, change, message):

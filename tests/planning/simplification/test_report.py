@@ -26,7 +26,7 @@ def test_a_path_through_an_obstacle_is_refused_with_edge_and_pair(crank):
     assert text.endswith("'ball' and 'ball0')")
     free = report(crank, [[-1], [0], [1]], balls(0.7))
     assert (free.certified, free.refused) == (True, None)
-    assert repr(free) == "PathReport(2 rad, certified: collision)"
+    assert repr(free) == "PathReport(2 rad, certified: no collision)"
 
 
 def test_a_path_outside_the_limits_is_refused_with_the_joint(crank):
@@ -65,7 +65,7 @@ def test_as_plain_numbers_here_and_in_another_process(crank):
     told = found.as_dict()
     assert json.loads(json.dumps(told)) == told
     assert set(told) == {*("length", "danger", "clearance", "certified"), *("validation", "links_without_collision")}
-    assert told["validation"] == {"proven": True, "claims": ["collision"], "checks": []}
+    assert told["validation"] == {"proven": True, "claims": ["no collision"], "checks": []}
     assert set(told["danger"]) == {"mean", "max", "max_bound", "integral", "avoidable", "profile"}
     assert set(told["clearance"]) == {"min", "mean", "length_below_50mm", "link", "obstacle", "at", "obstacles"}
     restored = pickle.loads(pickle.dumps(found))
