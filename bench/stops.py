@@ -11,7 +11,7 @@ motions    The same of motions that others made: random splines, as fast as is p
            `reached` must be 0. Of the same splines, faster by some percent and not proven, the share that is reached.
            And the trajectories of `stops` without a limit of the jerk, as polynomials: whether they are proven as they
            are, or 1 % slower.
-time       CPU time of caps and law for panda_shelf, of all of `time_path`, and of the coarse form for who replans.
+time       CPU time of velocity limits and law for panda_shelf, of `time_path`, and of the coarse form for replanning.
 """
 
 from __future__ import annotations

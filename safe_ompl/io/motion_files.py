@@ -118,7 +118,7 @@ def read_log(file: str | Path) -> tuple[Motion, Motion]:
         parts = [found for name in columns if (found := _LOGGED.fullmatch(name))]
         names = tuple(dict.fromkeys(found[1] for found in parts))
         if not names:
-            raise InputError("must contain columns <joint>_commanded and <joint>_measured, got none", "columns")
+            raise InputError("must contain <joint>_commanded and <joint>_measured, got none", "columns")
         times = document.require(columns, "time")
         tables = ([document.require(columns, f"{name}_{what}") for name in names] for what in ("commanded", "measured"))
         commanded, measured = (Motion.hermite(times, np.transpose(table), names=names) for table in tables)

@@ -340,7 +340,7 @@ def test_options_that_cannot_be(refuses, tmp_path, options, said):
 NO_LOGS = [
     ("time,joint1_commanded", ("log.csv",), "log.csv: joint1_measured: missing"),
     ("joint1_commanded,joint1_measured", ("log.csv",), "log.csv: time: missing"),
-    ("time,joint1", ("log.csv",), "log.csv: columns: must contain columns <joint>_commanded and <joint>_measured, got none"),
+    ("time,joint1", ("log.csv",), "log.csv: columns: must contain <joint>_commanded and <joint>_measured, got none"),
     ("time,joint1", ("log.json",), "log.json: must be a log, with one of the endings .csv, .tsv, .txt, .npz"),
     ("time,joint1", (), "give logs, or both --commanded and --measured"),
     ("time,joint1", ("--measured", "log.csv"), "give logs, or both --commanded and --measured"),
