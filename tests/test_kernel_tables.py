@@ -147,7 +147,7 @@ CALLS = {
     "proofs.DistanceBounds.prove": lambda t: [t.values[:2], t.required, 0.01],
     "proofs.DistanceBounds.prove_edge": lambda t: [t.values[0], t.values[1], t.limits, t.required, 0.01],
     "proofs.DistanceBounds.prove_many": lambda t: [numbers(3, 2, 6), t.required, 0.01],
-    "proofs.pair_bounds": lambda t: [t.hulls, indices(0, 1, 1, 0).reshape(2, 2), 1.0],
+    "proofs.bound_reaches": lambda t: [t.hulls, np.zeros((1, 1)), np.ones((1, 1)), 1.0],
     "proofs.hinge_costs": lambda t: [t.joints, t.values, t.carriers, t.near, numbers(2, 2)],
     # safe_ompl.danger
     "static.SkeletonTable": lambda t: [t.keys, t.skeleton.links, True],
@@ -288,6 +288,8 @@ CALLS = {
     "costs.at_arc_lengths": lambda t: [t.values, numbers(5)],
     "costs.spread": lambda t: [t.values, 0.1],
     "costs.gauss_points": lambda t: [t.values],
+    "costs.divided": lambda t: [t.values, 0.1],
+    "costs.refined": lambda t: [t.values, lambda Q: indices(0, 2)],
     "costs.bounded_step": lambda t: [numbers(6), numbers(3, 6), 0.1],
     "costs.factored": lambda t: [np.array([np.eye(3)] * 4), numbers(3, 3, 3), np.ones(4, np.uint8)],
     "edges.EdgeProofs": lambda t: [t.motion],

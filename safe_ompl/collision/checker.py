@@ -90,6 +90,8 @@ class CollisionChecker:
         self.changes = Changes()
         # Pair sets by their reach [m].
         self._pair_sets: dict[float, PairSet] = {}
+        # `RequiredDistances` by their separation. They do not depend on the poses of obstacles.
+        self.required_distances: dict[object, Any] = {}
         self.pairs = self.pairs_within(0.0)
 
     def __reduce__(self) -> tuple[Any, ...]:

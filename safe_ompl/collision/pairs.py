@@ -9,7 +9,7 @@ import coal
 import numpy as np
 
 from safe_ompl.collision.geometry import SceneGeometry
-from safe_ompl.collision.proofs import BLOCK, DistanceBounds, distance_gradients, pair_bounds
+from safe_ompl.collision.proofs import BLOCK, DistanceBounds, bound_reaches, distance_gradients
 from safe_ompl.collision.queries import CoalPairs, Nearest
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.geometry import DISTANCE_ERROR, ConvexBodies
@@ -81,19 +81,12 @@ class PairTable:
     def _nearer_than(self, distance: float) -> BoolArray:
         """Return for each pair (T,) whether its bodies can come nearer to each other than a distance [m]."""
         cylinders, parts = self.robot.bounds.reach_bodies[0], self.geometry.parts
-        k, m = np.nonzero((self._lower < distance) & (self._upper >= distance))
-        found = np.full(len(k), -np.inf)
-        if len(k) and self._obstacles.bounded:
-            pairs = np.stack([m, len(cylinders) + k], axis=1)
-            found = pair_bounds(self._reaches.table, pairs, distance)
-        self._lower[k, m] = np.maximum(self._lower[k, m], found)
-        near, exact = found < distance, self._obstacles.exact[k]
-        # For near pairs only this bound is known.
-        self._upper[k[near], m[near]] = np.nextafter(distance, 0.0)
-        for c in np.flatnonzero(near & ~exact).tolist():
-            bodies = parts[k[c]], cylinders[m[c]]
+        for k, m in bound_reaches(self._reaches.table, self._lower, self._upper, distance).tolist():
+            if self._obstacles.exact[k]:
+                continue
+            bodies = parts[k], cylinders[m]
             placed = ((b.geometry, coal.Transform3s(b.placement.rotation, b.placement.translation)) for b in bodies)
-            self._lower[k[c], m[c]] = self._upper[k[c], m[c]] = coal.distance(
+            self._lower[k, m] = self._upper[k, m] = coal.distance(
                 *chain.from_iterable(placed), _REQUEST, coal.DistanceResult()
             )
         nearer = np.ones(len(self.bodies), dtype=bool)

@@ -27,13 +27,13 @@ allowances in c_p, and the bodies themselves are convex, no proof can find the m
 coal need not be asked.
 """
 
-from libc.math cimport INFINITY, ceil, fabs, sqrt
+from libc.math cimport INFINITY, ceil, fabs, nextafter, sqrt
 from libc.stdlib cimport free, malloc, realloc
 from libc.string cimport memset
 
 from safe_ompl.geometry.convex cimport (
-    Body, Bodies, Bounds, Pose, Search, ShapeTable, Vector, begin_axis, distance_bounds, from_box, nearest_in_simplex,
-    outer_bound, place_moving,
+    Body, Bodies, Bounds, Pose, Search, ShapeTable, Vector, begin_axis, beyond_box, distance_bounds, from_box,
+    nearest_in_simplex, outer_bound, place_moving,
 )
 from safe_ompl.robot.kinematics cimport EdgeTable, Joint, JointTable, edge_between, move_joints, place_joints
 
@@ -556,26 +556,39 @@ cdef class DistanceBounds:
         return np.ascontiguousarray(self._coupling.values(Q), dtype=np.float64)
 
 
-def pair_bounds(ShapeTable shapes not None, const Py_ssize_t[:, ::1] pairs, double enough):
-    """Return lower bounds (K,) [m] of the distances of pairs (K, 2) of bodies that no joint carries.
+def bound_reaches(
+    ShapeTable shapes not None, double[:, ::1] lower not None, double[:, ::1] upper not None, double distance
+):
+    """Decide which of K parts of obstacles can come nearer than a distance [m] to the reaches of M moving bodies.
 
-    A bound is not improved any more once it is at least `enough` [m]; it is −∞ where a body is not finite.
+    The first M bodies are the reaches, followed by the parts. `lower` and `upper: (K, M)` hold what is known of their
+    distances [m]. Where that does not decide, a lower bound is computed, and both are updated; where bodies are not
+    finite, nothing is known. Returned are the parts and reaches (C, 2) of which a new bound is below the distance.
     """
-    cdef Py_ssize_t K = pairs.shape[0], k
+    cdef Py_ssize_t K = lower.shape[0], M = lower.shape[1], k, m, count = 0
     cdef Bodies bodies = shapes.data
     cdef Search search
-    found = np.full(K, -np.inf)
-    cdef double[::1] bounds = found
-    if not shapes.bounded or K == 0:
-        return found
-    if pairs.shape[1] != 2 or not 0 <= np.min(pairs) <= np.max(pairs) < shapes.count:
-        raise InputError(f"pairs must be of {shapes.count} bodies")
+    cdef double found
+    cdef bint bounded = shapes.bounded
+    if upper.shape[0] != K or upper.shape[1] != M or K + M > shapes.count:
+        raise InputError(f"bounds must be of {shapes.count} bodies at most, got {K} parts and {M} reaches")
+    below = np.empty((K * M, 2), np.intp)
+    cdef Py_ssize_t[:, ::1] near = below
     bodies.pose = shapes.new_poses()
     with nogil:
         for k in range(K):
-            bounds[k] = _lower_bound(&bodies, &search, pairs[k, 0], pairs[k, 1], enough)
+            for m in range(M):
+                if not lower[k, m] < distance <= upper[k, m]:
+                    continue
+                found = _lower_bound(&bodies, &search, m, M + k, distance) if bounded else -INFINITY
+                lower[k, m] = max(lower[k, m], found)
+                if found < distance:
+                    # Of these only this bound is known.
+                    upper[k, m] = nextafter(distance, 0.0)
+                    near[count, 0], near[count, 1] = k, m
+                    count += 1
     free(bodies.pose)
-    return found
+    return below[:count]
 
 
 cdef void *_address(array):
@@ -746,10 +759,11 @@ cdef bint _nearest_points(
     cdef Py_ssize_t k
     if x * x + y * y + z * z >= far * far:
         return False
+    way, far = beyond_box(&bodies.body[B], &bodies.pose[B], a), enough + bodies.body[A].reach
+    if way.x * way.x + way.y * way.y + way.z * way.z >= far * far:
+        return False
     way = from_box(&bodies.body[B], &bodies.pose[B], a)
     distance = sqrt(way.x * way.x + way.y * way.y + way.z * way.z) - bodies.body[A].reach
-    if distance >= enough:
-        return False
     for k in range(3):
         search.axis[k] = axis[k]
     if axis[0] == 0.0 and axis[1] == 0.0 and axis[2] == 0.0:

@@ -134,7 +134,7 @@ class Separation:
         return replace(self, min_clearance=MinClearance.of(distance, obstacles, exempt, checker))
 
     def required(self, checker: CollisionChecker) -> RequiredDistances:
-        """Return the distances that the pairs of a checker must keep.
+        """Return the distances that the pairs of a checker must keep; the checker keeps those asked for last.
 
         Raises
         ------
@@ -143,6 +143,14 @@ class Separation:
         UnknownNameError
             If the separation names an obstacle that the scene does not have.
         """
+        found = checker.required_distances.get(self)
+        if found is None:
+            if len(checker.required_distances) >= _MOST_REQUIRED:
+                checker.required_distances.clear()
+            found = checker.required_distances[self] = self._required(checker)
+        return found
+
+    def _required(self, checker: CollisionChecker) -> RequiredDistances:
         speeds, time = self.speeds, self.time
         kept_from = () if self.min_clearance is None else self.min_clearance.obstacles
         for name in (*speeds, *kept_from):
@@ -182,6 +190,8 @@ class Separation:
 TOUCHING_ONLY: Separation = Separation()
 # Queries add the distance error, so with this value they require what distance bounds require.
 _SPARE = ALLOWANCE - DISTANCE_ERROR  # [m]
+# So many required distances are kept by a checker. A planner and a simplifier ask for three or four again and again.
+_MOST_REQUIRED = 8
 
 
 class RequiredDistances:

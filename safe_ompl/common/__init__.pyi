@@ -40,5 +40,6 @@ from .models import (
     PerThread as PerThread,
     halton_point as halton_point,
     notebook_html as notebook_html,
+    uniform_shares as uniform_shares,
 )
 from .workers import in_order as in_order

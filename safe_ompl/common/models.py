@@ -7,6 +7,7 @@ from base64 import b64encode
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from html import escape
 from importlib import import_module
 from itertools import count, islice
@@ -113,6 +114,14 @@ def _cells(line: str) -> str:
     if not rest:
         return f'<td colspan="2" {left}>{escape(line.strip())}</td>'
     return f"<th {left}>{escape(head.strip())}</th><td {left}>{escape(rest)}</td>"
+
+
+@lru_cache
+def uniform_shares(count: int, dimension: int) -> FloatArray:
+    """Return random numbers (count, dimension) in [0, 1), read-only and always the same."""
+    shares = np.random.default_rng(0).random((count, dimension))
+    shares.setflags(write=False)
+    return shares
 
 
 def halton_point(index: int, dimension: int) -> FloatArray:

@@ -548,7 +548,10 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         Angles of continuous joints begin with the full turns of the start and do not jump at ±π: no step is longer than
         half a turn. OMPL's own path has them in [−π, π).
         """
-        path, start = self.bridge.way_points(self.getSolutionPath()), self.query.start
+        path = self.bridge.way_points(self.getSolutionPath())
+        if not self.bridge.circular.any():
+            return path
+        start = self.query.start
         turns = np.zeros(self.bridge.n) if start is None else np.round((start - path[0]) / (2 * np.pi))
         return path + 2 * np.pi * turns * self.bridge.circular
 
@@ -618,8 +621,6 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         InputError if there is no solution. A setup without danger shortens the path and keeps its clearance. The user's
         checker tests every new edge, and the whole path at the end.
         """
-        if not self.haveSolutionPath():
-            raise InputError("there is no solution to simplify")
         begin, path = perf_counter(), self.solution()
         self.set_solution(self._any_simplifier.simplify(path, stopping(time), proven=True))
         if self.getConstraints().user is not None and not self.is_free(self.solution()):

@@ -157,15 +157,17 @@ class StateBridge:
         Coordinates that wrap are unwrapped: no step is longer than half a turn. Raises InputError if the states of the
         path have another type than those of the space.
         """
-        one, kinds = OwnState(self), {type(path.getState(i)) for i in range(path.getStateCount())}
-        own = type(one.state)
+        states = [path.getState(i) for i in range(path.getStateCount())]
+        kinds, own = set(map(type, states)), type(OwnState(self).state)
         if kinds - {own}:
             names = " and ".join(sorted(kind.__name__ for kind in kinds))
             raise InputError(
                 f"its states are {names}, those of the space are {own.__name__}: give the space that it was planned in",
                 "PathGeometric",
             )
-        points = np.array([self.read(path.getState(i)) for i in range(path.getStateCount())])
+        points = np.empty((len(states), self.n))
+        for point, state in zip(points, states, strict=True):
+            point[:] = self.view(state)
         if self._wraps:
             turns = np.round(np.diff(points, axis=0) / (2 * np.pi))
             points[1:] -= np.where(self.circular, 2 * np.pi * np.cumsum(turns, axis=0), 0.0)

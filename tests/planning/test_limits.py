@@ -42,7 +42,7 @@ def test_what_was_built_without_a_limit_is_forgotten(setup, planner):
     setup.prepare(planner, 0)
     assert setup.solve(20.0)
     setup.setMaxDanger(LIMIT)
-    with pytest.raises(InputError, match="no solution to simplify"):
+    with pytest.raises(InputError, match="there is no solution"):
         setup.simplifySolution(0.1)
     assert setup.solve(20.0)
     assert setup.is_free(setup.solution())

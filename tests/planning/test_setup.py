@@ -131,7 +131,7 @@ BAD_ARGUMENTS = [
     ("plan", {"simplify": -1.0}, "simplify: must be a positive number of seconds"),
     ("plan", {"simplify": "long"}, "simplify"),
     ("plan", {"optimise": np.nan}, "time limit"),
-    ("simplifySolution", {}, "no solution to simplify"),
+    ("simplifySolution", {}, "there is no solution"),
     ("solution", {}, "there is no solution: call solve or plan first"),
     ("setSimplification", {"weight": -1.0}, "weight"),
 ]

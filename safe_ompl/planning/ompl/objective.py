@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from ompl import base as ob, geometric as og
 
-from safe_ompl.common import FloatArray, InputError, halton_point
+from safe_ompl.common import FloatArray, InputError, halton_point, uniform_shares
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl.validity import CollisionFreeValidity, bridge_of
 from safe_ompl.robot import ScratchState, StateBridge
@@ -28,8 +28,6 @@ _OWN_THREAD = (
 _MOST_KEPT_COSTS = 20_000  # motions, some 5 MB
 
 _SLOPE_SAMPLES = 50
-# The scale depends on the robot and the scene alone, so it has a seed of its own and not the planner's.
-_SCALE_SEED = 0
 _VALUE_SAMPLES = 100
 
 
@@ -240,8 +238,7 @@ class StateCost:
         return self._scales[key]
 
     def _measured_slope(self, si: Any) -> float:
-        rng = np.random.default_rng(_SCALE_SEED)
-        candidates = self._bridge.between_bounds(rng.random((8 * _SLOPE_SAMPLES, self._bridge.n)))
+        candidates = self._bridge.between_bounds(uniform_shares(8 * _SLOPE_SAMPLES, self._bridge.n))
         validity = si.getStateValidityChecker()
         if isinstance(validity, CollisionFreeValidity):
             valid = validity.check.allowed(candidates)

@@ -194,7 +194,14 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def setSeed(self, seed: int) -> None:
         """Seed the planner's random number generator; the same seed gives the same path."""
         self._seed = whole_number("seed", seed, at_least=0)
-        self._rng = np.random.default_rng(self._seed)
+        self._generator: np.random.Generator | None = None
+
+    @property
+    def _rng(self) -> np.random.Generator:
+        """The planner's random number generator, made on first use after `setSeed`."""
+        if self._generator is None:
+            self._generator = np.random.default_rng(self._seed)
+        return self._generator
 
     def getSeed(self) -> int:
         """Return the seed."""

@@ -8,7 +8,7 @@ from copy import copy
 import numpy as np
 
 from safe_ompl.collision import CollisionChecker, MotionProver, NearPairs, PairDistances
-from safe_ompl.common import BoolArray, FloatArray, number
+from safe_ompl.common import BoolArray, FloatArray, number, uniform_shares
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.simplification.costs import DangerTerms
 from safe_ompl.planning.simplification.measures import Curve
@@ -41,9 +41,8 @@ class DangerDensity:
 
 def reference_danger(field: DangerField, checker: CollisionChecker) -> float:
     """Return the median danger over valid configurations of robot and scene; 1 if the median is 0."""
-    # The seed is fixed, so that the reference does not depend on earlier calls.
-    robot, rng = checker.robot, np.random.default_rng(0)
-    samples = rng.uniform(robot.lower, robot.upper, (_REFERENCE_SAMPLES, robot.n))
+    robot = checker.robot
+    samples = robot.lower + (robot.upper - robot.lower) * uniform_shares(_REFERENCE_SAMPLES, robot.n)
     valid = samples[MotionProver(checker).are_free(samples, samples)]
     danger = np.sort(field.values(valid if len(valid) else samples))
     # The first call of `np.median` would import masked arrays, which takes 20 ms.

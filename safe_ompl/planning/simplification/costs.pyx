@@ -25,6 +25,9 @@ cdef double SECOND = 0.5 + OFFSET
 cdef double TINY = 1e-12
 cdef double SHORT = 0.1
 
+# Edges near obstacles are halved if they are longer than this [rad]. With shorter edges the descent converges slowly.
+cdef double LONGEST_NEAR = 0.25
+
 # The cost of an edge is that of samples at most this far apart [rad], of which there are so many.
 cdef double EDGE_SPACING = 0.8
 cdef enum:
@@ -124,6 +127,58 @@ def spread(const double[:, ::1] path, double step):
     if found.size:
         _write_samples(path, length, S, &s[0], &out[0, 0])
     return found, length
+
+
+def divided(const double[:, ::1] path, double spacing):
+    """Return the same path (N', n), whose way points are at most `spacing` apart [rad]; (N, n) is unrolled."""
+    cdef Py_ssize_t N = path.shape[0], n = path.shape[1], k, i, place, parts, row = 0
+    cdef double length = length_of(path), share
+    if not N or not length < MOST_STEPS * spacing:
+        raise InputError(f"a path of {N} way points and {length:g} rad cannot be divided at {spacing:g} rad")
+    found = np.empty((N + <Py_ssize_t> (length / spacing) + 1, n))
+    cdef double[:, ::1] out = found
+    for k in range(N - 1):
+        parts = max(1, <Py_ssize_t> ceil(distance(path, k, k + 1) / spacing))
+        for place in range(parts):
+            share = <double> place / parts
+            for i in range(n):
+                # The given way points stay exactly equal, without rounding.
+                out[row, i] = path[k, i] + share * (path[k + 1, i] - path[k, i]) if place else path[k, i]
+            row += 1
+    for i in range(n):
+        out[row, i] = path[N - 1, i]
+    return found[: row + 1].copy()
+
+
+def refined(const double[:, ::1] path, rows_near):
+    """Return the same path (N', n) with halved edges near obstacles.
+
+    `rows_near(Q)` returns the indices of the configurations of `Q: (B, n)` that are near obstacles.
+    """
+    cdef Py_ssize_t N = path.shape[0], n = path.shape[1], k, i, B = N, row = 0, middle = N
+    looked_at, found = np.empty((2, max(0, 2 * N - 1), n))
+    cdef double[:, ::1] Q = looked_at
+    cdef double[:, ::1] out = found
+    looked_at[:N] = path
+    for k in range(N - 1):
+        if distance(path, k, k + 1) > LONGEST_NEAR:
+            for i in range(n):
+                Q[B, i] = 0.5 * (path[k + 1, i] + path[k, i])
+            B += 1
+    marks = np.zeros(B, np.uint8)
+    marks[rows_near(looked_at[:B])] = True
+    cdef const unsigned char[::1] near = marks
+    for k in range(N):
+        for i in range(n):
+            out[row, i] = path[k, i]
+        row += 1
+        if k + 1 < N and distance(path, k, k + 1) > LONGEST_NEAR:
+            if near[k] or near[k + 1] or near[middle]:
+                for i in range(n):
+                    out[row, i] = Q[middle, i]
+                row += 1
+            middle += 1
+    return found[:row].copy()
 
 
 def gauss_points(const double[:, ::1] path):

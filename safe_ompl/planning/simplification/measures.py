@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from safe_ompl.collision import Clearance, CollisionChecker
-from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.common import FloatArray
 from safe_ompl.danger import CertifiedDanger, DangerBounds, DangerField
 from safe_ompl.planning.simplification.costs import arc_lengths, at_arc_lengths, spread
 from safe_ompl.robot import Robot, plain
@@ -30,38 +29,9 @@ class Curve:
         return at_arc_lengths(self._points, plain(s))
 
 
-# Edges near obstacles are halved if they are longer than this. With shorter edges the descent converges slowly.
-_LONGEST_NEAR_SEGMENT = 0.25  # [rad]
-
-
 def path_length(path: FloatArray) -> float:
     """Return the length [rad] of a path (N, n) without jumps of continuous joints."""
     return float(arc_lengths(plain(path))[-1])
-
-
-def divided(path: FloatArray, spacing: float) -> FloatArray:
-    """Return the same path with way points (N', n) at most `spacing` apart [rad]."""
-    steps = path[1:] - path[:-1]
-    counts = np.maximum(1, np.ceil(np.linalg.norm(steps, axis=1) / spacing)).astype(int)
-    segment = np.repeat(np.arange(len(steps)), counts)
-    place = np.arange(len(segment)) - np.repeat(np.cumsum(counts) - counts, counts)
-    inner = path[segment] + (place / counts[segment])[:, None] * steps[segment]
-    # The given way points stay exactly equal, without rounding.
-    inner[place == 0] = path[:-1]
-    return np.vstack([inner, path[-1]])
-
-
-def refined(path: FloatArray, rows_near: Callable[[FloatArray], IntArray]) -> FloatArray:
-    """Return the same path (N', n) with halved edges near obstacles.
-
-    `rows_near(Q)` returns the indices of the configurations of `Q: (B, n)` that are near obstacles.
-    """
-    long = np.flatnonzero(np.linalg.norm(path[1:] - path[:-1], axis=1) > _LONGEST_NEAR_SEGMENT)
-    middles = 0.5 * (path[long + 1] + path[long])
-    near = np.zeros(len(path) + len(long), dtype=bool)
-    near[rows_near(np.concatenate([path, middles]))] = True
-    split = near[long] | near[long + 1] | near[len(path) :]
-    return np.insert(path, 1 + long[split], middles[split], axis=0)
 
 
 def with_way_points(path: FloatArray, places: FloatArray, apart: float) -> FloatArray:

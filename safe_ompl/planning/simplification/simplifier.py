@@ -15,9 +15,10 @@ from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.common import FloatArray, InputError, number
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.simplification.cost import WEIGHT, DangerDensity, ObstacleCost, PathCost, reference_danger
+from safe_ompl.planning.simplification.costs import divided, refined
 from safe_ompl.planning.simplification.descent import ActiveSetCost, BestPath, ProvenDescent, Terms
 from safe_ompl.planning.simplification.edges import MOST, EdgeProofs, joined, retreat, shortcut
-from safe_ompl.planning.simplification.measures import divided, path_length, refined
+from safe_ompl.planning.simplification.measures import path_length
 from safe_ompl.robot import motion_limits, plain
 
 Stop = Callable[[], bool]

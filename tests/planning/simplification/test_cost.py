@@ -5,8 +5,8 @@ import pytest
 
 from safe_ompl import CollisionChecker, DangerField, InputError, Obstacle, Pose, Scene, Sphere
 from safe_ompl.planning.simplification.cost import DangerDensity, ObstacleCost, PathCost, reference_danger
+from safe_ompl.planning.simplification.costs import divided
 from safe_ompl.planning.simplification.descent import ActiveSetCost
-from safe_ompl.planning.simplification.measures import divided
 
 
 class Plane:

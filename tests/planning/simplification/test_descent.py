@@ -6,9 +6,9 @@ import pytest
 from safe_ompl import DangerField
 from safe_ompl.danger.static import MAXIMUM, DangerPointTable, PointDanger, SkeletonTable
 from safe_ompl.planning.simplification.cost import DangerDensity
-from safe_ompl.planning.simplification.costs import DangerTerms, Densities, PricedPath, Walk, gauss_points
+from safe_ompl.planning.simplification.costs import DangerTerms, Densities, PricedPath, Walk, divided, gauss_points
 from safe_ompl.planning.simplification.descent import ActiveSetCost
-from safe_ompl.planning.simplification.measures import Curve, divided
+from safe_ompl.planning.simplification.measures import Curve
 from safe_ompl.robot import motion_limits
 from safe_ompl.robot.kinematics import JOINT, KEY_POINT, JointTable, KeyPointTable
 
