@@ -167,57 +167,18 @@ CALLS = {
     "static.aggregates": lambda t: [numbers(4, 5), static.MEAN, 1.0],
     "static.shares": lambda t: [numbers(4, 5), static.SOFTMAX, 1.0],
     "moving.link_terms": lambda t: [t.places, t.places, t.skeleton.links, numbers(5, 3), True, True],
-    "moving.gradients": lambda t: [
-        t.places,
-        t.places,
-        t.skeleton.links,
-        numbers(4, 5, 3),
-        numbers(4, 5),
-        0.1,
-        0.1,
-        True,
-    ],
-    "moving.cell_bounds": lambda t: [
-        CellMotions(t.places, t.places, *[t.places[..., 0].copy()] * 2, *[numbers(4)] * 3),
-        t.skeleton.links,
-        numbers(5, 3),
-        1.0,
-        True,
-        numbers(5),
-    ],
+    "moving.gradients": lambda t: [*[t.places] * 2, t.skeleton.links, numbers(4, 5, 3), numbers(4, 5), 0.1, 0.1, True],
+    "moving.cell_bounds": lambda t: [t.motions, t.skeleton.links, numbers(5, 3), 1.0, True, numbers(5)],
     "moving.highest": lambda t: [t.skeleton, t.values, t.values, t.groups, 0.1, 0.1],
     # safe_ompl.motions
     "bodies.BodyCorners": lambda t: [t.joints, indices(0, 3, 6), numbers(3, 8, 3), numbers(3)],
     "bodies.BodyCorners.speeds": lambda t: [t.values, t.values],
     "bodies.acceleration_bounds": lambda t: [numbers(3, 6), np.ones((3, 6), bool), t.values, t.values],
-    "bodies.ClosingGaps": lambda t: [
-        t.joints,
-        t.shapes,
-        indices(1, 5, 2, 6).reshape(2, 2),
-        indices(0, 3, 1, 2).reshape(2, 2),
-        numbers(2, 6),
-        numbers(2),
-        numbers(2),
-    ],
+    "bodies.ClosingGaps": lambda t: [t.joints, t.shapes, *t.limb_pairs, numbers(2, 6), *[numbers(2)] * 2],
     "bodies.ClosingGaps.rates": lambda t: [t.values, numbers(4), t.values, numbers(4, 4)],
-    "bodies.LimbArrivals": lambda t: [
-        t.joints,
-        t.shapes,
-        indices(1, 2),
-        indices(len(t.shapes.bodies) - 1),
-        numbers(1),
-        0.1,
-        0.1,
-    ],
+    "bodies.LimbArrivals": lambda t: [t.joints, t.shapes, indices(1, 2), t.last, numbers(1), 0.1, 0.1],
     "bodies.LimbArrivals.along": lambda t: [t.values, numbers(4, 2), 1.0, 0.1],
-    "laws.stopping_speeds": lambda t: [
-        numbers(4),
-        numbers(4),
-        numbers(4, 2),
-        numbers(4, 2),
-        numbers(4),
-        indices(1, 1, 3, 3),
-    ],
+    "laws.stopping_speeds": lambda t: [*[numbers(4)] * 2, *[numbers(4, 2)] * 2, numbers(4), indices(1, 1, 3, 3)],
     "laws.spread": lambda t: [np.arange(5.0), numbers(4), indices(0, 2), numbers(4, 2), 1.0],
     "laws.fastest": lambda t: [numbers(4), t.boxes, numbers(6), numbers(5)],
     "laws.ceilings": lambda t: [numbers(4), numbers(4), numbers(4), indices(2, 4)],
@@ -227,43 +188,15 @@ CALLS = {
     "laws.derivatives": lambda t: [np.arange(4.0), numbers(3, 5, 6), indices(0, 2), numbers(2)],
     "laws.derivative_ranges": lambda t: [np.arange(4.0), numbers(3, 5, 6), indices(0, 2), np.arange(3.0)],
     # safe_ompl.live
-    "hull_gaps.BodyHulls": lambda t: [
-        indices(0, 2),
-        numbers(7, 3),
-        indices(0, 3, 7),
-        numbers(2),
-        numbers(2, 3),
-        numbers(2),
-    ],
-    "hull_gaps.BodyHulls.gaps": lambda t: [
-        indices(0, 3),
-        numbers(2),
-        (numbers(2), numbers(4, 2, 2)),
-        t.cells,
-        t.sets,
-        MarginQuery(0.1, 1.0, 0.0, False),
-    ],
-    "hull_gaps.BodyHulls.cell_gaps": lambda t: [
-        indices(0, 3),
-        (numbers(2), numbers(4, 2, 2)),
-        t.cells,
-        t.sets,
-        0.1,
-        1.0,
-        0.1,
-    ],
+    "hull_gaps.BodyHulls": lambda t: [indices(0, 2), *t.hull_corners, numbers(2), numbers(2, 3), numbers(2)],
+    "hull_gaps.BodyHulls.gaps": lambda t: [indices(0, 3), numbers(2), t.motion_sets, t.cells, t.sets, t.query],
+    "hull_gaps.BodyHulls.cell_gaps": lambda t: [indices(0, 3), t.motion_sets, t.cells, t.sets, 0.1, 1.0, 0.1],
     "hull_gaps.BodyHulls.separating_axes": lambda t: [t.cells, t.sets, 1.0],
     "hull_gaps.BodyHulls.chords_ahead": lambda t: [t.cells, numbers(2, 2, 3), numbers(2, 2), numbers(2)],
     # safe_ompl.drawing
     "rendering.Shading": lambda t: [t.solid, t.light, t.view],
     "rendering.Shading.picture": lambda t: [np.array([[0, 1, -1, 0]] * 4, dtype=np.int32), numbers(4, 4)],
-    "rendering.draw_triangles": lambda t: [
-        4 * numbers(4, 3),
-        t.solid.faces,
-        0,
-        np.zeros((4, 6), np.float32),
-        np.zeros((4, 6), np.int32),
-    ],
+    "rendering.draw_triangles": lambda t: [4 * numbers(4, 3), t.solid.faces, 0, *t.buffers()],
     "rendering.nearest_triangles": lambda t: [4 * numbers(4, 3), t.solid.faces, 6, 4],
     "rendering.interpolated": lambda t: [numbers(4, 3), t.solid.faces, numbers(4, 2), numbers(3), numbers(2, 3)],
     # safe_ompl.planning
@@ -300,14 +233,12 @@ CALLS = {
     "edges.EdgeProofs.chained": lambda t: [t.values, numbers(4, 4), 10.0, np.zeros((4, 4), np.intp)],
     "edges.EdgeProofs.held_back": lambda t: [t.values, t.values[::-1].copy()],
     "edges.retreat": lambda t: [t.ones, t.obstacles, t.field, (-3 * t.ones, 3 * t.ones), lambda: False],
-    "edges.shortcut": lambda t: [t.values, t.cost(), edges.EdgeProofs(t.motion), lambda: False, 3, 1.0],
-    "edges.joined": lambda t: [t.values, t.cost(), edges.EdgeProofs(t.motion), lambda: False],
+    "edges.shortcut": lambda t: [t.values, *t.search(), 3, 1.0],
+    "edges.joined": lambda t: [t.values, *t.search()],
     "edges.cheapest_proven_chain": lambda t: [
         t.values,
         np.ones((4, 4), bool),
-        t.cost(),
-        edges.EdgeProofs(t.motion),
-        lambda: False,
+        *t.search(),
         np.inf,
         np.zeros((4, 4), np.intp),
     ],
@@ -316,14 +247,7 @@ CALLS = {
     "descent.ActiveSetCost.of": lambda t: [t.values],
     "descent.ActiveSetCost.anchor": lambda t: [t.values],
     "descent.ActiveSetCost.model": lambda t: [t.values],
-    "descent.ProvenDescent": lambda t: [
-        t.values,
-        (t.values[:1].copy(), t.values[3:].copy()),
-        t.cost(),
-        descent.Terms(edges.EdgeProofs(t.motion), (-3 * t.ones, 3 * t.ones), 100.0, 0.1),
-        descent.BestPath(t.values, None),
-        lambda: False,
-    ],
+    "descent.ProvenDescent": lambda t: [t.values, t.ends, t.cost(), t.terms_of_descent(), t.best(), lambda: False],
     "descent.ProvenDescent.run": lambda t: [],
 }
 
@@ -363,6 +287,14 @@ def t(ur5):
     t.motion, t.obstacles, t.field = MotionProver(checker), ObstacleCost(checker, 0.1), DangerField(ur5, numbers(5, 3))
     t.density = DangerDensity(t.field, 1.0)
     t.cost = lambda: descent.ActiveSetCost(t.density, t.obstacles, t.values)
+    t.search = lambda: (t.cost(), edges.EdgeProofs(t.motion), lambda: False)
+    t.ends, t.best = (t.values[:1].copy(), t.values[3:].copy()), lambda: descent.BestPath(t.values, None)
+    t.terms_of_descent = lambda: descent.Terms(edges.EdgeProofs(t.motion), (-3 * t.ones, 3 * t.ones), 100.0, 0.1)
+    t.motions = CellMotions(t.places, t.places, *[t.places[..., 0].copy()] * 2, *[numbers(4)] * 3)
+    t.limb_pairs = indices(1, 5, 2, 6).reshape(2, 2), indices(0, 3, 1, 2).reshape(2, 2)
+    t.last, t.hull_corners = indices(len(t.shapes.bodies) - 1), (numbers(7, 3), indices(0, 3, 7))
+    t.motion_sets, t.query = (numbers(2), numbers(4, 2, 2)), MarginQuery(0.1, 1.0, 0.0, False)
+    t.buffers = lambda: (np.zeros((4, 6), np.float32), np.zeros((4, 6), np.int32))
     return t
 
 

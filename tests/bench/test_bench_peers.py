@@ -14,13 +14,8 @@ from bench.peers.systems import SYSTEMS, System
 from safe_ompl import CollisionChecker, Motion, Robot, Scene
 from safe_ompl.scene import MbmFile
 
-POLE = {
-    "name": "pole",
-    "radius": 0.05,
-    "length": 1.0,
-    "position": [0.5, 0.0, 0.5],
-    "orientation_quat_xyzw": [0, 0, 0, 1],
-}
+POLE = {"name": "pole", "radius": 0.05, "length": 1.0, "position": [0.5, 0.0, 0.5]}
+POLE |= {"orientation_quat_xyzw": [0, 0, 0, 1]}
 SCENE = Scene.from_mbm({"cylinder": [POLE]})
 LEFT, RIGHT = [1.0, 0.3, 0.0, -1.6, 0.0, 1.9, 0.8], [-1.0, 0.3, 0.0, -1.6, 0.0, 1.9, 0.8]
 

@@ -43,14 +43,8 @@ scenes = st.lists(obstacles(), min_size=1, max_size=4).map(
 KEPT = {
     "nothing": lambda checker, distance: (Separation(), {}),
     "a margin": lambda checker, distance: (Separation(margin=distance), dict.fromkeys(checker.scene.names, distance)),
-    "a clearance": lambda checker, distance: (
-        Separation().with_min_clearance(checker, distance, ["0"]),
-        {"0": distance},
-    ),
-    "clear of what moves": lambda checker, distance: (
-        Separation(speeds={"0": 2 * distance}, time=0.5),
-        {"0": distance},
-    ),
+    "a clearance": lambda checker, away: (Separation().with_min_clearance(checker, away, ["0"]), {"0": away}),
+    "clear of what moves": lambda checker, away: (Separation(speeds={"0": 2 * away}, time=0.5), {"0": away}),
 }
 
 

@@ -8,23 +8,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from oracles.pinocchio_points import keypoint_jacobians
 
-from safe_ompl import (
-    Box,
-    CertifiedDanger,
-    DangerField,
-    InputError,
-    KinetostaticField,
-    Obstacle,
-    Person,
-    Pose,
-    Robot,
-    Scene,
-)
+from safe_ompl import CertifiedDanger, DangerField, InputError, KinetostaticField, Robot, Scene
 from safe_ompl.common import Counts
 from safe_ompl.danger.field import AGGREGATES
 from safe_ompl.danger.link_field import WEIGHTINGS, field, vectors
 from safe_ompl.danger.static import DangerPointTable, PointDanger
-from safe_ompl.geometry import STANDING
+from safe_ompl.geometry import STANDING, Box, Obstacle, Person, Pose
 
 ROBOTS = ("panda", "kinova", "twin_arm", "slider", "gripper")  # continuous, sliding and mimic joints, branches
 POINTS = np.random.default_rng(2).normal(size=(9, 3)) * [0.5, 0.5, 0.1] + [0.4, 0.3, 0.15]

@@ -10,19 +10,9 @@ import pinocchio as pin
 import pytest
 from ball import densely
 
-from safe_ompl import (
-    CollisionChecker,
-    CollisionError,
-    Cylinder,
-    InputError,
-    Obstacle,
-    Pose,
-    SafeSetup,
-    TipBounds,
-    ToolOrientation,
-)
+from safe_ompl import CollisionChecker, CollisionError, Cylinder, InputError, Obstacle, Pose, TipBounds, ToolOrientation
 from safe_ompl.apps import main
-from safe_ompl.planning import setup_scenario
+from safe_ompl.planning import SafeSetup, setup_scenario
 from safe_ompl.planning.planners import needs_place
 from safe_ompl.robot import GoalRegion, RobotSpec, inverse_kinematics
 from safe_ompl.scene import Goal, Scenario, Scene, ToolConstraint
@@ -189,7 +179,7 @@ def test_scenarios_keep_tools_upright_and_have_regions(scenario, tmp_path):
     assert claims == ("no collision", "tool orientation", "tip position")
 
 
-def test_upright_on_the_command_line(scenario, tmp_path, monkeypatch, capfd):
+def test_upright_on_the_command_line(scenario, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scenario.save("cup.yaml")
     assert main(["plan", "cup.yaml", "--seed", "1", "--keep-upright", "30", "--json", "result.json"]) == 0
@@ -197,6 +187,3 @@ def test_upright_on_the_command_line(scenario, tmp_path, monkeypatch, capfd):
     setup = setup_scenario(scenario)
     assert tilts(setup, densely(setup.robot, np.array(result["path"]))).max() <= LIMIT
     assert "tool orientation" in result["validation"]["claims"]
-    capfd.readouterr()
-    assert main(["plan", "cup.yaml", "--keep-upright", "270"]) == 2
-    assert "must be an angle in (0, 180] degrees, not '270'" in capfd.readouterr().err

@@ -149,9 +149,5 @@ def test_limits_on_the_command_line(tmp_path, monkeypatch, capfd):
     capfd.readouterr()
     assert main(["verify", "proof.json"]) == 0
     assert "at least 100 mm from person" in capfd.readouterr().out
-    for option, value, message in (
-        ("--max-danger", "3", "is above the limit 3"),
-        ("--min-clearance", "-1", "must be a positive number, not '-1'"),
-    ):
-        assert main(["plan", scenario, option, value]) == 2
-        assert message in capfd.readouterr().err
+    assert main(["plan", scenario, "--max-danger", "3"]) == 2
+    assert "is above the limit 3" in capfd.readouterr().err

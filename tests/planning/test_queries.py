@@ -6,19 +6,8 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl import (
-    Box,
-    DangerObjective,
-    InputError,
-    Obstacle,
-    Pose,
-    SafeRRTConnect,
-    SafeSetup,
-    Scenario,
-    make_planner,
-    planner_names,
-)
-from safe_ompl.planning.planners import needs_place
+from safe_ompl import Box, DangerObjective, InputError, Obstacle, Pose, SafeSetup, Scenario
+from safe_ompl.planning.planners import SafeRRTConnect, make_planner, needs_place, planner_names
 from safe_ompl.planning.simplification import Curve
 
 # Planners that optimise go on until they are stopped. Two of them stand for all.

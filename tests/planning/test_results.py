@@ -76,11 +76,8 @@ def test_a_path_of_another_query_does_not_leave_the_setup(setup):
     setup.setPlanner(planner)
     assert setup.solve(1.0)
     near = START + 1e-4 * ASIDE
-    for start, goal, word in (
-        (START, other, "ends"),
-        (other, START + ASIDE, "begins"),
-        (near, START + ASIDE, "begins"),
-    ):
+    end = START + ASIDE
+    for start, goal, word in ((START, other, "ends"), (other, end, "begins"), (near, end, "begins")):
         setup.setConfigurations(start, goal)
         with pytest.raises(PlanningError, match=f"Fixed returned a path that {word}"):
             setup.solve(1.0)

@@ -10,20 +10,9 @@ import pytest
 from ball import BALL, GOAL, IN_BALL, SCENE, START, setup_for
 from ompl import base as ob
 
-from safe_ompl import (
-    CollisionError,
-    DangerObjective,
-    InputError,
-    MotionProver,
-    SafeSetup,
-    Scenario,
-    Scene,
-    check,
-    plan,
-    time_path,
-)
+from safe_ompl import CollisionError, DangerObjective, InputError, MotionProver, Scenario, Scene, check, time_path
 from safe_ompl.certificates import certificate, verify
-from safe_ompl.planning import setup_scenario
+from safe_ompl.planning import SafeSetup, plan, setup_scenario
 from safe_ompl.planning.planners import SafeRRTConnect, make_planner
 from safe_ompl.robot import START_TOLERANCE, RobotSpec, ScratchState, StateBridge
 from safe_ompl.scene.scenario import Goal

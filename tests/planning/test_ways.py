@@ -4,20 +4,8 @@ import numpy as np
 import pytest
 
 import safe_ompl
-from safe_ompl import (
-    Cylinder,
-    InputError,
-    Obstacle,
-    Pose,
-    SafeRRTConnect,
-    SafeSetup,
-    Scenario,
-    Scene,
-    Simplifier,
-    load,
-    save,
-)
-from safe_ompl.planning import run, setup_scenario
+from safe_ompl import Cylinder, InputError, Obstacle, Pose, SafeRRTConnect, Scenario, Scene, Simplifier, load, save
+from safe_ompl.planning import SafeSetup, run, setup_scenario
 from safe_ompl.planning.simplification import simplifier
 
 START, GOAL = (1.3, 0.3), (-1.3, 0.3)

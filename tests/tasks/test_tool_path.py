@@ -81,10 +81,8 @@ def test_poses_of_scipy():
     if not hasattr(transform, "RigidTransform"):
         pytest.skip("older SciPy")
     poses = transform.RigidTransform.from_components(places, rotations)
-    np.testing.assert_allclose(
-        ToolPath.of(poses).at(np.array([0.1])).positions,
-        ToolPath.spline([START, VIA, END]).at(np.array([0.1])).positions,
-    )
+    places = [path.at(np.array([0.1])).positions for path in (ToolPath.of(poses), ToolPath.spline([START, VIA, END]))]
+    np.testing.assert_allclose(*places)
 
 
 NO_PATHS = [

@@ -13,17 +13,7 @@ import numpy as np
 import pytest
 from ompl import geometric as og, tools as ot
 
-from safe_ompl import (
-    Benchmark,
-    InputError,
-    PlanningError,
-    SafeRRTConnect,
-    SafeSetup,
-    Scenario,
-    UnknownNameError,
-    load,
-    save,
-)
+from safe_ompl import Benchmark, SafeRRTConnect, SafeSetup, Scenario, load, save
 from safe_ompl.apps.benchmark import (
     ALL_WAYS,
     BASELINE,
@@ -36,7 +26,7 @@ from safe_ompl.apps.benchmark import (
     lost,
     summarize,
 )
-from safe_ompl.common import in_order, warn_once
+from safe_ompl.common import InputError, PlanningError, UnknownNameError, in_order, warn_once
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import is_ours, planner_names
 

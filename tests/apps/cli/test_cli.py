@@ -431,6 +431,8 @@ BAD_OPTIONS = [
     ("plan test.yaml --plot x.doc", "--plot", "'x.doc'", ".png"),
     ("plan test.yaml --rate 100", "--rate", "--trajectory"),
     ("plan test.yaml --workers 2", "--starts"),
+    ("plan test.yaml --min-clearance -1", "--min-clearance", "must be a positive number, not '-1'"),
+    ("plan test.yaml --keep-upright 270", "must be an angle in (0, 180] degrees, not '270'"),
     ("plan test.yaml --timed --rate 0", "--rate", "a positive number, not '0'"),
     ("mbm arm.urdf", "arm.urdf", "JSON"),
     ("mbm problems.json", "problems.json: robot", "'arm'", "--robot"),

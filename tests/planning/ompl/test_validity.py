@@ -7,16 +7,8 @@ import pytest
 from ball import BALL, START
 from ompl import base as ob
 
-from safe_ompl import (
-    CertifiedMotionValidator,
-    CollisionChecker,
-    CollisionFreeValidity,
-    Constraints,
-    TipBounds,
-    ToolOrientation,
-    Verdict,
-)
-from safe_ompl.collision import Separation
+from safe_ompl import CertifiedMotionValidator, CollisionFreeValidity, Constraints
+from safe_ompl.collision import CollisionChecker, Separation, TipBounds, ToolOrientation, Verdict
 from safe_ompl.common import Counts, UnknownNameError
 from safe_ompl.danger import DangerField, DangerLimit
 from safe_ompl.motions import ConfigurationCheck

@@ -18,12 +18,8 @@ PANDA_POSITION = np.array([0.25, -0.5, 0.4])
 
 @pytest.fixture(scope="module")
 def scene():
-    return Scene(
-        (
-            Obstacle("ball", Sphere(0.12), Pose((0.5, 0.0, 0.55)), weight=1.0),
-            Obstacle("shelf", Box((0.3, 0.6, 0.02)), Pose((0.5, 0.0, 0.1))),
-        )
-    )
+    ball = Obstacle("ball", Sphere(0.12), Pose((0.5, 0.0, 0.55)), weight=1.0)
+    return Scene((ball, Obstacle("shelf", Box((0.3, 0.6, 0.02)), Pose((0.5, 0.0, 0.1)))))
 
 
 @pytest.fixture(scope="module")

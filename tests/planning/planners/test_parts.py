@@ -195,11 +195,8 @@ def test_the_threshold_begins_with_the_danger_of_the_ends_and_rises_after_eight_
 
 
 def test_the_margin_follows_obstacles_that_move():
-    setup = SafeSetup(
-        Robot.from_example("ur5"),
-        Scene((Obstacle("box", Box((0.1, 0.1, 0.4)), Pose((0.45, 0.0, 0.3)), weight=1.0),)),
-        movable=("box",),
-    )
+    box = Obstacle("box", Box((0.1, 0.1, 0.4)), Pose((0.45, 0.0, 0.3)), weight=1.0)
+    setup = SafeSetup(Robot.from_example("ur5"), Scene((box,)), movable=("box",))
     problem = PlanningProblem(setup.getSpaceInformation())
     problem.take(setup.getProblemDefinition().getOptimizationObjective())
     margin, q = Margin(problem, DangerWeight(problem)), np.array([2.0, -1.6, 1.2, -1.2, -1.57, 0.0])

@@ -39,12 +39,8 @@ class Literal:
     alpha = 0.0
 
     def __init__(self, setup, seed, **parameters):
-        self.robot, self.checker, self.field, self.si = (
-            setup.robot,
-            setup.checker,
-            setup.field,
-            setup.getSpaceInformation(),
-        )
+        self.robot, self.checker, self.field = setup.robot, setup.checker, setup.field
+        self.si = setup.getSpaceInformation()
         self.states = ScratchState(setup.bridge), ScratchState(setup.bridge)
         self.rng = np.random.default_rng(seed)
         vars(self).update(parameters)

@@ -12,21 +12,9 @@ import numpy as np
 import pytest
 from ompl import base as ob, geometric as og, util as ou
 
-from safe_ompl import (
-    Cylinder,
-    Obstacle,
-    Pose,
-    Robot,
-    SafeRRTConnect,
-    SafeSetup,
-    Scenario,
-    Scene,
-    make_planner,
-    planner_data,
-    planner_names,
-)
+from safe_ompl import Cylinder, Obstacle, Pose, Robot, SafeSetup, Scenario, Scene
 from safe_ompl.planning import setup_scenario
-from safe_ompl.planning.planners import is_ours, needs_place
+from safe_ompl.planning.planners import SafeRRTConnect, is_ours, make_planner, needs_place, planner_data, planner_names
 from safe_ompl.planning.planners.problem import Margin
 
 OURS = [name for name in planner_names() if is_ours(name)]

@@ -10,26 +10,13 @@ import pytest
 from ball import GOAL, IN_BALL, SCENE, START, setup_for
 from ompl import util as ou
 
-from safe_ompl import (
-    Box,
-    Capsule,
-    CollisionChecker,
-    Cylinder,
-    DangerField,
-    InputError,
-    MotionProver,
-    Obstacle,
-    Pose,
-    Robot,
-    SafeSetup,
-    Scene,
-    Sphere,
-)
+from safe_ompl import CollisionChecker, DangerField, InputError, MotionProver, SafeSetup, Scene
+from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Sphere
 from safe_ompl.planning.simplification import PathReport, Simplifier, timed
 from safe_ompl.planning.simplification.cost import ObstacleCost
 from safe_ompl.planning.simplification.costs import bounded_step
 from safe_ompl.planning.simplification.edges import RETREAT_STEP, EdgeProofs, retreat
-from safe_ompl.robot import motion_limits
+from safe_ompl.robot import Robot, motion_limits
 
 PLANAR2 = Path(__file__).parents[3] / "scenarios" / "robots" / "planar2.urdf"
 GRASP = np.array([0.6, 0.5, 0.0, -1.8, 0.0, 2.3, 0.8])
