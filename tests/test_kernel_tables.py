@@ -148,7 +148,7 @@ CALLS = {
     "proofs.DistanceBounds.prove_edge": lambda t: [t.values[0], t.values[1], t.limits, t.required, 0.01],
     "proofs.DistanceBounds.prove_many": lambda t: [numbers(3, 2, 6), t.required, 0.01],
     "proofs.bound_reaches": lambda t: [t.hulls, np.zeros((1, 1)), np.ones((1, 1)), 1.0],
-    "proofs.distance_gradients": lambda t: [t.joints, t.values, t.carriers, t.near],
+    "proofs.distance_gradients": lambda t: [t.joints, t.values, t.carriers[:, None].repeat(2, axis=1), t.near],
     "proofs.hinge_costs": lambda t: [t.joints, t.values, t.carriers, t.near, numbers(2, 2)],
     # safe_ompl.danger
     "static.SkeletonTable": lambda t: [t.keys, t.skeleton.links, True],
