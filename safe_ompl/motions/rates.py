@@ -68,9 +68,11 @@ class Violation:
     def quantities(self) -> tuple[str, str]:
         """Value and limit with their units, distances in mm; empty if missing."""
         scale, unit = (1e3, "mm") if self.kind in DISTANCES else (1.0, self.unit)
+        given = [None if number is None else scale * number for number in (self.value, self.limit)]
+        # Numbers that would read alike get enough digits to differ.
+        alike = None not in given and len({f"{number:.4g}" for number in given}) == 1
         value, limit = (
-            "" if given is None else f"{scale * given:.4g}{' ' * bool(unit)}{unit}"
-            for given in (self.value, self.limit)
+            "" if number is None else f"{number:.{12 if alike else 4}g}{' ' * bool(unit)}{unit}" for number in given
         )
         return value, limit
 

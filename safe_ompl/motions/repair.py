@@ -23,6 +23,7 @@ from safe_ompl.motions.checks import MotionCheck, check_of, check_with
 from safe_ompl.motions.limits import RateLimits
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.pieces import PieceProofs
+from safe_ompl.robot import Robot
 from safe_ompl.scene import People
 
 # For M distances and joint limits: the configuration's row (M,), gradients (M, n), and the shortfalls (M,).
@@ -43,6 +44,8 @@ _ATTEMPTS = 4
 _KEPT_SHARE, _MOST_KEPT_SHARE = 0.25, 0.9
 # Joint values should keep this distance from their limits.
 _LIMIT_MARGIN = 1e-4  # [rad or m]
+# Way points of planners in single precision, such as VAMP, are outside the limits by at most this much.
+_SINGLE_PRECISION = 1e-6  # [rad or m]
 # Derivatives that differ by less at a knot, relative to their size, are equal.
 _EQUAL_DERIVATIVES = 1e-6
 # A planner's path must end at most this far from its goal.
@@ -118,11 +121,14 @@ def repair_with(
 ) -> Repair:
     """Repair a motion with the smallest change that makes it proven, or return it unchanged with the reason.
 
-    The ends, the degree, the smoothness at knots, and the times are kept. Only if `limits` of velocity, acceleration or
-    jerk are exceeded, or stops are too late for `people` (both as for `check`), all times are multiplied by one factor.
+    The ends, the degree, the smoothness at knots, and the times are kept. Way points of straight lines that are outside
+    the joint limits by rounding errors of single precision are moved to the limits. Only if `limits` of velocity,
+    acceleration or jerk are exceeded, or stops are too late for `people` (both as for `check`), all times are
+    multiplied by one factor.
     If moving the pieces does not succeed, `connect` finds proven paths between two configurations.
     """
-    motion = Motion.of(motion, space=proof.checker.robot).for_robot(proof.checker.robot)
+    given = Motion.of(motion, space=proof.checker.robot).for_robot(proof.checker.robot)
+    motion = _rounded_to_limits(given, proof.checker.robot)
     displacement, how = Displacement(motion, proof), "moved"
 
     def proven(candidate: Motion) -> MotionCheck:
@@ -130,7 +136,10 @@ def repair_with(
 
     if not displacement.bad:
         check = check_of(displacement.given, [], proof, limits, people)
-        return _slowed(Repair(motion, check, "unchanged"), proven)
+        same = motion is given
+        return _slowed(
+            Repair(motion, check, "unchanged") if same else _measured(given, motion, check, how, proof), proven
+        )
     for name, piece, q in (("start", 0, motion.knots[0]), ("end", motion.pieces - 1, motion.knots[-1])):
         if piece in displacement.bad and proof.check(q, q).verdict is not Verdict.FREE:
             return Repair(motion, proven(motion), f"its {name} cannot be proven, and ends are kept")
@@ -141,7 +150,16 @@ def repair_with(
         how = "nothing near it could be proven" + ", and no way round was found" * (connect is not None)
         return Repair(motion, proven(motion), how)
     check = check_of(result, [], proof, limits, people)
-    return _slowed(_measured(motion, result.motion, check, how, proof), proven)
+    return _slowed(_measured(given, result.motion, check, how, proof), proven)
+
+
+def _rounded_to_limits(motion: Motion, robot: Robot) -> Motion:
+    """Return straight lines with the way points that single precision puts outside the joint limits moved to them."""
+    knots = np.clip(motion.knots, robot.lower, robot.upper)
+    moved = np.abs(knots - motion.knots).max()
+    if motion.degree > 1 or not 0.0 < moved <= _SINGLE_PRECISION:
+        return motion
+    return replace(Motion.through(knots, motion.times), joint_names=motion.joint_names, timed=motion.timed)
 
 
 def _slowed(repair: Repair, proven: Callable[[Motion], MotionCheck]) -> Repair:

@@ -296,6 +296,23 @@ def test_what_need_not_or_cannot_be_repaired_stays_as_it_is(crank, post):
     assert found.deviation == pytest.approx(0.82 - TOUCH, abs=0.02)
 
 
+@pytest.mark.parametrize(("outside", "repaired"), [(5e-9, True), (1e-5, False)])
+def test_ends_that_single_precision_puts_outside_the_limits_are_moved_to_them(panda, outside, repaired):
+    """VAMP's way points are single-precision numbers, and many grasps are at a joint limit."""
+    start = np.array([0.0, -0.8, 0.0, -2.4, 0.0, 1.6, 0.8])
+    end = start.copy()
+    end[4] = panda.upper[4] + outside
+    path = np.array([start, end])
+    proof = MotionProver(CollisionChecker(panda, Scene()))
+    (violation,) = check(path, panda, Scene()).violations
+    assert len(set(violation.quantities)) == 2  # "2.897300005 rad (limit 2.8973 rad)"
+    found = repair_with(Motion.through(path), proof)
+    assert bool(found) == repaired
+    if repaired:
+        assert found.path[-1][4] == panda.upper[4]
+        assert found.deviation == pytest.approx(outside, rel=1e-3)
+
+
 def test_a_way_round_is_followed_where_pushing_fails(panda):
     """A wall across the way: gradients point through it, a planner goes over it."""
     wall = Scene([Obstacle("wall", Box((0.5, 0.04, 0.7)), Pose((0.5, 0.0, 0.35)))])
