@@ -19,7 +19,7 @@ from ompl import base as ob
 import safe_ompl.common as common
 import safe_ompl.planning.simplification as simplification
 from safe_ompl.common import Counts, FloatArray, PlanningError, number
-from safe_ompl.planning.planners import SafePlanner, nodes_of
+from safe_ompl.planning.planners import SafePlanner, nodes_of, termination
 from safe_ompl.planning.result import Improvement, PlanResult
 from safe_ompl.planning.ways import WaySearch
 
@@ -157,14 +157,18 @@ class _Starts:
         self._setup, self._planner, self._seed = setup, planner, seed
         self.status, self.nodes, self._solved = "Timeout", 0, False
 
-    def search(self, start: int, left: float) -> FloatArray | None:
-        """Plan with the seed plus the number of the start, for at most the time `left` [s]; return a path or None."""
-        setup = self._setup
+    def search(self, start: int, left: float, queries: float = np.inf) -> FloatArray | None:
+        """Plan with the seed plus the number of the start; return a path or None.
+
+        The start ends after the time `left` [s], or after so many collision queries once a path has been found.
+        """
+        setup, begun, most = self._setup, self._setup.counts.queries, queries if self._solved else np.inf
         if start:
             setup.clear()
             if isinstance(self._planner, SafePlanner):
                 self._planner.setSeed((self._seed + start) % 2**32)
-        found = setup.solve(max(left, _LEAST_TIME))
+        stop = termination(max(left, _LEAST_TIME))
+        found = setup.solve(ob.PlannerTerminationCondition(lambda: stop() or setup.counts.queries - begun > most))
         self.nodes += nodes_of(self._planner)
         if not setup.haveExactSolutionPath():
             self.status = self.status if self._solved else found.asString()
@@ -222,7 +226,10 @@ class PlanningRun:
         before, starts, first = replace(setup.counts), _Starts(setup, self._planner, self._seed), list[float]()
 
         def search(start: int) -> FloatArray | None:
-            path = starts.search(start, time - (perf_counter() - begin))
+            # A further start takes no more queries than all before it with their drafts, as single trees may grow a
+            # hundred times larger than others.
+            spent = setup.counts.queries - before.queries
+            path = starts.search(start, time - (perf_counter() - begin), spent)
             if path is not None:
                 first.append(perf_counter() - begin)
             return path

@@ -14,11 +14,15 @@ from safe_ompl.planning.simplification import Curve, Simplifier, Stop, hybrid, t
 if TYPE_CHECKING:
     from safe_ompl.planning.safe_setup import SafeSetup
 
-# Numbers below were chosen on 65 random scenes with a person and five boxes; in 33 of these 97 % of 66 runs came to
-# within 5 % of the best path that was known. With up to seven starts, as there were then, 89 % of 180 runs did in the
-# scenes of bench/ways, in 4.5 times the time of one way. Up to five were chosen on those scenes and 60 others. In 26
-# more, 47 of 51 runs come as near with five as with seven, in 3.7 in place of 3.9 times the time.
-# Single starts whose trees grow a hundred times larger than those of others take most of the time in one slow scene.
+# Numbers below were chosen on 120 random scenes with a person and five boxes, those of bench/ways among them.
+#
+# J weighs danger as little as this share of the simplifier's own weight: 1 + λ·CDF² touches 2·√λ·CDF where √λ·CDF is 1.
+# With this share it does so near the mean danger of paths of these scenes. So J of paths is nearly in proportion to
+# their integral of danger, by which ways are compared, and its minima are those of the integral.
+_WEIGHT_SHARE = 0.4
+# Of a planned path's least clearance no more than this is kept. It differs from start to start by centimetres; keeping
+# all of it, which one simplified path does, held most of those paths back that were far from the best one.
+_MOST_KEPT = 0.015  # [m]
 _FEWEST, _MOST = 3, 5  # starts
 # Starts end when so many of them come to within this share of the cheapest: then another way is rarely cheaper.
 _AGREEING, _AGREEMENT = 2, 0.03
@@ -72,7 +76,9 @@ class WaySearch:
     """
 
     def __init__(self, setup: SafeSetup, simplifier: Simplifier, seconds: float, stop: Stop) -> None:
-        self._setup, self._simplifier, self._seconds, self._stop = setup, simplifier, seconds, stop
+        self._setup, self._seconds, self._stop = setup, seconds, stop
+        self._simplifier = simplifier.weighing(_WEIGHT_SHARE * simplifier.danger.weight)
+        self._simplifier.most_kept = min(_MOST_KEPT, simplifier.most_kept)
         self._drafts: list[WayPath] = []
         self._finished: list[WayPath] = []
 

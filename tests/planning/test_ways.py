@@ -168,3 +168,20 @@ def test_no_start_begins_when_the_time_is_up(setup, monkeypatch):
     monkeypatch.setattr(Simplifier, "begin", lambda *given, **options: begun.append(0) or begin(*given, **options))
     result = setup.plan(planner, seed=3, ways="all", time=1.5)
     assert (result.certified, Fickle.clock, len(begun)) == (True, 2.0, 2)
+
+
+def test_no_further_start_takes_more_queries_than_all_before_it(setup):
+    class Endless(SafeRRTConnect):
+        """Asks without end with all seeds but the first."""
+
+        def _search(self, ptc):
+            if self.getSeed() == 3:
+                return super()._search(ptc)
+            while not ptc():
+                setup.checker.in_collision(np.zeros(3))
+            return None
+
+    planner = Endless(setup.getSpaceInformation())
+    found, one = setup.plan(planner, seed=3, ways="all", time=20.0), setup.plan(planner, seed=3, simplify=True)
+    assert found.certified
+    assert one.counts.queries < found.counts.queries < 20 * one.counts.queries

@@ -52,8 +52,8 @@ def hybrid(simplifier: Simplifier, paths: Sequence[FloatArray], stop: Stop) -> F
     known = np.zeros(wanted.shape, dtype=np.intp)
     known[own[:-1], own[1:]] = LOOKED_AT
     if simplifier.obstacle_cost is not None:
-        _, least = simplifier.obstacle_cost.clearances(nodes[0])
-        proofs.keep(max(0.0, least - SAME_CLEARANCE) if np.isfinite(least) else 0.0)
+        kept = min(simplifier.obstacle_cost.clearances(nodes[0])[1], simplifier.most_kept)
+        proofs.keep(max(0.0, kept - SAME_CLEARANCE) if np.isfinite(kept) else 0.0)
     cost = ActiveSetCost(danger, None, nodes[0])
     cost.look_at(nodes[0], merged)
     found = cheapest_proven_chain(merged, wanted, cost, proofs, stop, known=known)
