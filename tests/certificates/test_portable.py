@@ -73,6 +73,7 @@ def test_a_scene_of_all_kinds_travels_without_its_files(everything, files):
     [
         ({"files": {}}, r"obstacles\[6\].pointcloud.file: the file '0.npy' is not carried"),
         ({"files": {"0.npy": "?", "1.obj": "AA==", "2.obj": "AA=="}}, "0.npy: is not a compressed file in base 64"),
+        ({"files": {"0.npy": 3}}, "0.npy: must be text"),
         ({"files": {"../0.npy": "AA=="}}, NO_NAME),
         *(({"files": {name: "AA=="}}, NO_NAME) for name in ("..", "", ".hidden", "a/b", "a\\b", "a\0", 101 * "a")),
         ({"content": 3}, "content: must be a mapping"),
@@ -317,6 +318,9 @@ def test_texts_that_grow_when_they_are_read(change, message):
 def test_files_that_grow_when_they_are_unpacked(tmp_path, monkeypatch):
     monkeypatch.setattr("safe_ompl.io.schema._MOST_BYTES", 1000)
     unpack({"a.obj": packed(bytes(500)), "b.obj": packed(bytes(500))}, tmp_path)
+    for data, words in (("!", "is not a compressed file in base 64"), ("eJw=", "is cut")):
+        with pytest.raises(InputError, match=rf"a\.obj: {words}"):
+            unpack({"a.obj": data}, tmp_path)
     with pytest.raises(InputError, match=r"b\.obj: is cut off, or all files together exceed 1000 bytes"):
         unpack({"a.obj": packed(bytes(500)), "b.obj": packed(bytes(501))}, tmp_path)
 

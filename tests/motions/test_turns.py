@@ -1,18 +1,16 @@
 """Continuous joints turn as their numbers stand, whoever gives the numbers; a path that is not clear is refused."""
 
-import json
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from crank import CRANK
 from hypothesis import given, settings, strategies as st
-from ompl import base as ob, geometric as og
 
 import safe_ompl
-from safe_ompl import InputError, Motion, MotionProver, PlanResult, Robot, SafeSetup, Scene, Sphere
+from safe_ompl import InputError, Motion, MotionProver, PlanResult, Robot, SafeSetup, Scene, Sphere, read_motion
 from safe_ompl.certificates import certificate, motion_certificate, verify
-from safe_ompl.robot import ScratchState, StateBridge, joint_space
+from safe_ompl.robot import ScratchState
 
 
 @pytest.fixture(scope="module")
@@ -53,41 +51,12 @@ def test_a_path_begins_in_the_turn_in_which_the_robot_stands(wheel, start, plann
     np.testing.assert_allclose(setup.solution()[0, 0], turn, atol=1e-12 * (1 + abs(start)))
 
 
-def states(robot, path):
-    space = joint_space(robot)
-    found, scratch = og.PathGeometric(ob.SpaceInformation(space)), ScratchState(StateBridge(space))
-    for q in path:
-        found.append(scratch.set(np.array([q])))
-    return found
-
-
 FORMS = {
-    "array": lambda robot, path, folder: np.array(path)[:, None],
-    "list": lambda robot, path, folder: [[q] for q in path],
-    "path": lambda robot, path, folder: Motion.through(np.array(path)[:, None], names=["turn"]),
-    "result": lambda robot, path, folder: PlanResult("Exact", np.array(path)[:, None], None, "P", 1, ("turn",), 0.1),
-    "timed": lambda robot, path, folder: Motion.through(np.array(path)[:, None], range(len(path))),
-    "csv": lambda robot, path, folder: written(folder / "way.csv", "turn\n" + "\n".join(map(str, path))),
-    "timed csv": lambda robot, path, folder: written(
-        folder / "way.csv", "time,turn\n" + "\n".join(f"{k},{q}" for k, q in enumerate(path))
-    ),
-    "own": lambda robot, path, folder: saved(
-        Motion.through(np.array(path)[:, None], names=["turn"]), folder / "way.json"
-    ),
-    "message": lambda robot, path, folder: written(
-        folder / "way.yaml", json.dumps({"joint_names": ["turn"], "points": [{"positions": [q]} for q in path]})
-    ),
+    "array": lambda way, file: way,
+    "result": lambda way, file: PlanResult("Exact", way, None, "P", 1, ("turn",), 0.1),
+    "timed": lambda way, file: Motion.through(way, range(len(way))),
+    "file": lambda way, file: read_motion(np.savetxt(file, way, header="turn", comments="") or file),
 }
-
-
-def saved(thing, file):
-    safe_ompl.save(thing, file)
-    return safe_ompl.read_motion(file)
-
-
-def written(file, text):
-    file.write_text(text)
-    return safe_ompl.read_motion(file)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -96,7 +65,7 @@ def written(file, text):
     [([0.0, 6.2], np.pi), ([2.0, -2.0], 0.0), ([2.0, -2.0], np.pi), ([0.0, 3.1, 6.2], np.pi), ([3.0, 3.3], -1.0)],
 )
 def test_a_check_is_of_the_numbers_as_they_stand(wheel, tmp_path, form, path, angle):
-    motion, others = FORMS[form](wheel, path, tmp_path), scene(angle)
+    motion, others = FORMS[form](np.array(path)[:, None], tmp_path / "way.csv"), scene(angle)
     found = safe_ompl.check(motion, wheel, others)
     assert bool(found) != passes(path, angle)
     assert bool(SafeSetup(wheel, others, danger=None).check(motion)) == bool(found)
@@ -132,17 +101,6 @@ def test_nothing_that_passes_an_obstacle_is_proven(wheel, path, angle):
                 call()
         else:
             assert call()
-
-
-@settings(max_examples=20)
-@given(path=st.lists(st.floats(-3.1, 3.1), min_size=2, max_size=4), angle=st.floats(-3.1, 3.1))
-def test_states_of_a_circle_are_joined_the_short_way(wheel, path, angle):
-    path, others = [float(q) for q in path], scene(angle)
-    found = safe_ompl.check(states(wheel, path), wheel, others)
-    unrolled = np.unwrap(path)
-    assert found.motion.knots[:, 0] == pytest.approx(unrolled, abs=1e-9)
-    assert not (found and passes(unrolled, angle))
-    assert not found.long_turns
 
 
 def test_planned_paths_count_turns(wheel):

@@ -11,7 +11,6 @@ from hypothesis import given, settings, strategies as st
 
 from safe_ompl import CollisionChecker, Scene
 from safe_ompl.geometry import ConvexBodies, Hull, bounding_hull
-from safe_ompl.robot import ReachCylinder
 from safe_ompl.robot.displacement_bounds import JointChain
 
 SIMPLE = ["panda", "ur5", "kinova", "twin_arm", "slider"]
@@ -19,7 +18,6 @@ ROBOTS = [*SIMPLE, "gripper", "parallel", "loaded", "mobile", "cell"]
 ROUNDING = 1e-9  # [m]
 
 seeds = st.integers(0, 2**32 - 1)
-lengths = st.floats(0.0, 2.0)
 
 
 def motion(robot, seed, scale):
@@ -31,19 +29,6 @@ def motion(robot, seed, scale):
     return start, end, np.abs(end - start)
 
 
-def unit(vector):
-    return vector / np.linalg.norm(vector)
-
-
-def surface_points(cylinder, rng, count=60):
-    """Points on the rims of a cylinder, its extreme parts."""
-    across = np.linalg.svd(cylinder.axis[None])[2][1:]
-    angle = rng.uniform(0, 2 * np.pi, count)
-    rim = cylinder.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1) @ across
-    ends = np.where(rng.integers(0, 2, count), 1, -1) * cylinder.half_length
-    return cylinder.center + rim + ends[:, None] * cylinder.axis
-
-
 def contains(cylinder, points):
     """Whether the cylinder holds the points, up to rounding."""
     arms = points - cylinder.center
@@ -52,17 +37,6 @@ def contains(cylinder, points):
     return bool(
         (radial <= cylinder.radius + ROUNDING).all() and (np.abs(along) <= cylinder.half_length + ROUNDING).all()
     )
-
-
-@settings(max_examples=40)
-@given(seeds, lengths, lengths)
-def test_a_cylinder_about_another_axis_holds_the_first(seed, radius, half_length):
-    rng = np.random.default_rng(seed)
-    inner = ReachCylinder(rng.normal(size=3), unit(rng.normal(size=3)), radius, half_length)
-    outer = inner.enclosed_about(unit(rng.normal(size=3)))
-    points = surface_points(inner, rng)
-    assert contains(inner, points)
-    assert contains(outer, points)
 
 
 @pytest.mark.parametrize(
