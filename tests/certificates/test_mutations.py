@@ -15,29 +15,23 @@ from safe_ompl.robot import robot_hash
 NUMBER = 24
 
 
-@pytest.fixture
-def bench():
-    """Return the module that mutates certificates and judges what is accepted."""
-    return mutations
-
-
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def quiet(caplog):
     caplog.set_level(logging.ERROR)
 
 
-def test_what_is_not_mutated_is_accepted_and_true(bench, quiet):
-    for case in bench.cases():
-        assert bench.judged(case, case.content) == {"given": "true", "carried": "true"}
+def test_what_is_not_mutated_is_accepted_and_true():
+    for case in mutations.cases():
+        assert mutations.judged(case, case.content) == {"given": "true", "carried": "true"}
 
 
-def test_random_mutations_are_refused_or_claim_nothing_false(bench, quiet):
+def test_random_mutations_are_refused_or_claim_nothing_false():
     found = Counter()
     for k in range(NUMBER):
-        case = bench.cases()[k % len(bench.cases())]
-        content = bench.mutation(case, 1, k)
-        assert json.dumps(content, sort_keys=True) == json.dumps(bench.mutation(case, 1, k), sort_keys=True)
-        for mode, result in bench.judged(case, content).items():
+        case = mutations.cases()[k % len(mutations.cases())]
+        content = mutations.mutation(case, 1, k)
+        assert json.dumps(content, sort_keys=True) == json.dumps(mutations.mutation(case, 1, k), sort_keys=True)
+        for mode, result in mutations.judged(case, content).items():
             assert result in ("refused", "true"), (k, case.name, mode, result)
             found[mode, result] += 1
     assert min(found.values()) > NUMBER / 50, found
@@ -68,27 +62,27 @@ def test_random_mutations_are_refused_or_claim_nothing_false(bench, quiet):
         (7, ("contacts", 0, "depth"), 0.1),
     ],
 )
-def test_the_judge_finds_what_is_false_and_so_does_the_verifier(bench, quiet, number, at, factor):
+def test_the_judge_finds_what_is_false_and_so_does_the_verifier(number, at, factor):
     """Sentences that are made of a claim that does not hold are false, and nobody but the verifier looks at it."""
-    case = bench.cases()[number]
+    case = mutations.cases()[number]
     place = at if at[0] == "stretches" else ("stretches", 0, *at)
-    content = bench.replaced(case.content, place, lambda value: factor * value if value else 0.5)
+    content = mutations.replaced(case.content, place, lambda value: factor * value if value else 0.5)
     claims = Certificate.read(signed(content)).sentences("")
-    judge = bench.Judge(case.robot, case.scene)
+    judge = mutations.Judge(case.robot, case.scene)
     assert not judge.true(claims, content, ())
     assert judge.true(Certificate.read(case.content).sentences(""), case.content, ())
     with pytest.raises(CertificateError):
         verify(signed(content), case.robot, case.scene)
 
 
-def test_a_forged_robot_is_the_files_own_or_refused(bench, quiet):
+def test_a_forged_robot_is_the_files_own_or_refused():
     """Thinner shapes, the fingerprint of these, and a proof for them: what is said is said of the file's robot."""
-    case = bench.cases()[0]
+    case = mutations.cases()[0]
     thinner = case.content["robot"]["recipe"]["urdf"]["text"].replace('radius="0.04"', 'radius="0.001"')
     recipe = {**case.content["robot"]["recipe"], "urdf": {"name": "planar2.urdf", "text": thinner}}
-    robot = bench.built_robot({**case.content["robot"], "recipe": recipe})
+    robot = mutations.built_robot({**case.content["robot"], "recipe": recipe})
     document = {**case.content["robot"], "recipe": recipe, "hash": robot_hash(robot)}
-    forged = bench.issued_anew(case, document, robot, case.scene)
+    forged = mutations.issued_anew(case, document, robot, case.scene)
     assert forged["robot"]["hash"] != case.content["robot"]["hash"]
     with pytest.raises(CertificateError, match="the robot has changed"):
         verify(forged, case.robot, case.scene)

@@ -7,6 +7,7 @@ from base64 import b64encode
 
 import numpy as np
 import pytest
+from crank import CRANK
 from signing import replaced, signed
 
 from safe_ompl import CertificateError, InputError, PlanningError, SafeSetup, Scenario, Scene, plan_program
@@ -169,11 +170,7 @@ def test_meshes_of_the_file_are_not_those_of_the_robot(tmp_path, data_folder):
 def lone_robot(folder, data):
     """Return robot and scene of a URDF with a mesh of its own, and a proven motion."""
     (folder / "wedge.obj").write_bytes((data / "wedge.obj").read_bytes())
-    (folder / "arm.urdf").write_text(
-        """<robot name="arm"><link name="base"/><link name="arm"><collision><geometry><mesh filename="wedge.obj"/>
-        </geometry></collision></link><joint name="turn" type="revolute"><parent link="base"/><child link="arm"/>
-        <axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint></robot>"""
-    )
+    (folder / "arm.urdf").write_text(CRANK.replace('<sphere radius="0.05"/>', '<mesh filename="wedge.obj"/>'))
     robot = Robot.from_urdf(folder / "arm.urdf")
     scene = Scene([Obstacle("ball", Box((0.1, 0.1, 0.1)), Pose((5.0, 0.0, 0.0)))])
     setup = SafeSetup(robot, scene, danger=None)

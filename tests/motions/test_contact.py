@@ -43,11 +43,8 @@ class Adversary:
         pin.updateGeometryPlacements(self.model, self.kinematics, self.geometry, self.data)
 
     def velocity(self, body, point):
-        joint = self.bodies[body].parentJoint
-        if not joint:
-            return np.zeros(3)
-        motion, place = self.kinematics.v[joint], self.kinematics.oMi[joint]
-        return place.rotation @ (motion.linear + np.cross(motion.angular, place.actInv(point)))
+        motion = pin.getVelocity(self.model, self.kinematics, self.bodies[body].parentJoint, pin.WORLD)
+        return motion.linear + np.cross(motion.angular, point)
 
     def nearest(self, shape, place, body):
         """Return distance and nearest points of a shape and a body."""

@@ -285,10 +285,7 @@ T, Q = [0.0, 1.0, 2.0], np.zeros((3, 2))
         (lambda: Motion([0, 1], np.zeros((1, 2, 2)), slack=[[0, -1.0]]), "slack: must not be negative, got -1"),
         (lambda: Motion([0, 1, 2], [[[0.0], [1.0]], [[1.1], [0.0]]], ("hip",)), "joint 'hip' jumps by 0.1 at 1 s"),
         (lambda: Motion.of(interpolate.PPoly([[0.0, 1.0]], [0, 1, 2])), r"PPoly: must have values of shape \(n,\)"),
-        (
-            lambda: Motion.of(interpolate.BSpline(range(4), Q, 0)),
-            r"degree of the B-spline: must be .* \[1, 15\], got 0",
-        ),
+        (lambda: Motion.of(interpolate.BSpline(range(4), Q, 0)), r"degree of the B-spline: .* \[1, 15\], got 0"),
         (lambda: Motion.sampled(T, [[0.0], [0.5], [3.0]], 1.0), "column 0 moves at 2.5 after 1 s, faster than"),
         (lambda: Motion.sampled(T, Q, 0.0), "largest velocity: must be a finite number in"),
         (lambda: Motion.of(interpolate.CubicSpline(T, Q + 1j)), r"coefficients: must be numbers, got array"),

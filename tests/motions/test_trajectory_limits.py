@@ -4,6 +4,7 @@ import logging
 
 import numpy as np
 import pytest
+from crank import CRANK
 
 from safe_ompl import InputError, Motion, RateLimits, Robot, UnknownNameError, time_path
 from safe_ompl.live.replanning import SpeedLimits
@@ -73,12 +74,7 @@ def test_absurd_limits_are_refused_in_a_line_wherever_they_are_given(panda, wron
 
 
 def test_a_urdf_without_velocities_asks_for_them(tmp_path):
-    (tmp_path / "arm.urdf").write_text(
-        """<robot name="arm"><link name="base"/><link name="boom"><collision><origin xyz="0.5 0 0"/>
-        <geometry><box size="1 0.1 0.1"/></geometry></collision></link><joint name="turn" type="revolute">
-        <parent link="base"/><child link="boom"/><axis xyz="0 0 1"/>
-        <limit lower="-1" upper="1" effort="1" velocity="0"/></joint></robot>"""
-    )
+    (tmp_path / "arm.urdf").write_text(CRANK.replace('velocity="1"', 'velocity="0"'))
     robot = Robot.from_urdf(tmp_path / "arm.urdf")
     with pytest.raises(InputError, match="has no velocity limit in its URDF"):
         RateLimits.of(robot, acceleration=1.0)

@@ -120,24 +120,3 @@ def test_bad_cells(panda, names, tip, message):
         Robot.combined("cell", dict.fromkeys(names, panda), tip=tip)
     with pytest.raises(InputError, match="right: must be a Robot, not 'panda'"):
         Robot.combined("cell", {"left": panda, "right": "panda"})
-
-
-def test_a_base_that_moves_is_missed_where_it_has_no_collision_shape(tmp_path, caplog):
-    """What stands still hits nothing by itself; on wheels it may."""
-    box = '<geometry><box size="0.1 0.1 0.1"/></geometry>'
-    (tmp_path / "cart.urdf").write_text(
-        f"""<robot name="cart"><link name="body"><visual>{box}</visual></link>
-        <link name="arm"><collision>{box}</collision></link><joint name="turn" type="revolute"><parent link="body"/>
-        <child link="arm"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
-    )
-    still = Robot.from_urdf(tmp_path / "cart.urdf")
-    assert (
-        still.links_without_collision == Robot(replace(still.spec, base=(1.0, 0.0, 0.0))).links_without_collision == ()
-    )
-    assert "no collision shape" not in caplog.text
-    moving = Robot.from_urdf(tmp_path / "cart.urdf", mobile_base=((-1, 1), (-1, 1)))
-    assert moving.links_without_collision == ("body",)
-    assert "cart: nothing is checked for links that have no collision shape: body" in caplog.text
-    assert "links_without_collision=['body']" in repr(moving)
-    cell = Robot.combined("cell", {"a": still, "b": moving})
-    assert cell.links_without_collision == ("b_body",)

@@ -84,7 +84,7 @@ FIXED = '<link name="f">{}</link><joint name="c" type="fixed"><parent link="uppe
         "a base that stands": (COLLISION, COLLISION, MASS.format(9), "", ()),
     }.values(),
 )
-def test_links_without_any_shape_are_named_where_something_must_be(file, upper, lower, base, more, lacking):
+def test_links_without_any_shape_are_named_where_something_must_be(file, caplog, upper, lower, base, more, lacking):
     joint = {"joint": '<axis xyz="0 0 1"/>'} if more == ONE_PLACE else {}
     text = arm(file, upper, lower, **joint).read_text()
     file.write_text(text.replace('<link name="base"/>', f'<link name="base">{base}</link>{more}'))
@@ -93,8 +93,13 @@ def test_links_without_any_shape_are_named_where_something_must_be(file, upper, 
     collision, visual = robot.collision_model, robot.visual_model if "<visual>" in text + base else None
     same = Robot.from_models(robot.model, collision, visual, tip=robot.tip)
     assert same.links_without_collision == lacking
-    wheeled = Robot.from_urdf(file, mobile_base=((-1, 1), (-1, 1)))
-    assert wheeled.links_without_collision == ("base",) * (base not in ("", COLLISION)) + lacking
+    wheeled = Robot.from_urdf(file, mobile_base=((-1, 1), (-1, 1)))  # what stands still hits nothing by itself
+    on_wheels = base not in ("", COLLISION)
+    assert wheeled.links_without_collision == ("base",) * on_wheels + lacking
+    assert ("links that have no collision shape: base" in caplog.text) == on_wheels
+    cell = Robot.combined("cell", {"a": robot, "b": wheeled})
+    of_cell = [f"{name}_{link}" for name, one in (("a", robot), ("b", wheeled)) for link in one.links_without_collision]
+    assert list(cell.links_without_collision) == of_cell
 
 
 def test_an_incomplete_inertial_takes_no_shape_with_it_and_a_wrong_one_is_refused(file):

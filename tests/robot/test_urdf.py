@@ -99,16 +99,8 @@ def test_what_others_sent_is_never_expanded(macros):
     [
         (XACRO.format('<link name="${size}"/>'), {}, "xacro cannot expand it.*size"),
         (XACRO.format('<xacro:include filename="$(find none)/a"/>'), {}, "package 'none' not found.*package dir"),
-        (
-            XACRO.format('<link name="$(find none)"/>'),
-            {},
-            r"xacro cannot expand it \(package 'none' not found; give the",
-        ),
-        (
-            XACRO.format('<link name="$(env NONE)"/>'),
-            {},
-            r"cannot expand it \(environment variable 'NONE' is not set\)",
-        ),
+        (XACRO.format('<link name="$(find none)"/>'), {}, r"cannot expand it \(package 'none' not found; give"),
+        (XACRO.format('<link name="$(env NONE)"/>'), {}, r"cannot expand it \(environment variable 'NONE' is not"),
         (XACRO.format('<link name="$(eval 1+)"/>'), {}, r"cannot expand it \(invalid syntax"),
         (XACRO.format('<link name="$(arg none)"/>'), {}, r"cannot expand it \(Undefined substitution argument none\)"),
         (XACRO.format('<link name="base"/>'), {"prefix": "a"}, "no xacro that could take the arguments prefix"),

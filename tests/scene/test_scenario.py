@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from safe_ompl import CollisionChecker, InputError, MotionProver, Robot, Scenario, Scene, UnknownNameError
+from safe_ompl import CollisionChecker, InputError, MotionProver, Pose, Robot, Scenario, Scene, UnknownNameError
 from safe_ompl.robot import RobotSpec
 from safe_ompl.scene import Goal, find_scenario, list_scenarios
 
@@ -31,6 +31,7 @@ goal: {configuration: [1, 0, 0]}
 """
 
 ANGLE = st.floats(-3.0, 3.0)
+POINT = st.tuples(ANGLE, ANGLE, ANGLE)
 NAME = st.text(min_size=1).filter(lambda name: name.strip() and name.isprintable())
 PARAMETERS = st.dictionaries(NAME, st.one_of(st.floats(-1e9, 1e9), st.integers(), st.booleans(), st.text()), max_size=3)
 CONFIGURATIONS = st.one_of(
@@ -38,11 +39,11 @@ CONFIGURATIONS = st.one_of(
 )
 GOALS = st.one_of(
     st.builds(Goal, st.lists(CONFIGURATIONS, min_size=1, max_size=3).map(tuple)),
-    st.builds(Goal, position=st.tuples(ANGLE, ANGLE, ANGLE), tolerance=st.floats(1e-6, 1.0)),
+    st.builds(Goal, position=POINT, tolerance=st.floats(1e-6, 1.0)),
     st.builds(
         Goal,
         st.lists(CONFIGURATIONS, max_size=2).map(tuple),
-        position=st.tuples(ANGLE, ANGLE, ANGLE),
+        position=POINT,
         quaternion_xyzw=st.just((0.0, 0.6, 0.0, 0.8)),
     ),
 )
@@ -62,6 +63,7 @@ SCENARIOS = st.builds(
     description=st.text(),
     danger=PARAMETERS,
     planners=st.dictionaries(NAME, PARAMETERS, max_size=2),
+    frames=st.dictionaries(NAME, st.builds(Pose.from_rpy, POINT, POINT), max_size=2),
     time=st.floats(1e-3, 1e6),
 )
 
@@ -133,16 +135,14 @@ def test_goals_of_all_kinds():
         (("{configuration: [1, 0, 0]}", "{configuration: [1], configurations: [[1]]}"), "only one of"),
         (("{configuration: [1, 0, 0]}", "{rpy: [0, 0, 0]}"), "goal.position: missing"),
         (("{configuration: [1, 0, 0]}", "{position: [0, 0]}"), "goal.position: must be 3 numbers"),
-        (
-            ("{configuration: [1, 0, 0]}", "{position: [0, 0, 0], tolerance: 0}"),
-            "goal.tolerance: must be a positive number, got 0",
-        ),
+        (("{configuration: [1, 0, 0]}", "{position: [0, 0, 0], tolerance: 0}"), "goal.tolerance: must be a positive"),
         (("planar3.urdf", "planar9.urdf"), "robot.urdf: "),
         (("urdf: planar3.urdf,", ""), "robot.example: give either example or urdf"),
         (("tip: tip", "locked: {joint3: stiff}"), "robot.locked.joint3: must be a finite number"),
         (("tip: tip", "group: 7"), "robot.group: must be"),
         (("start:", "people: {reach: reach.yaml}\nstart:"), "people.reach: unknown key; valid keys: who, "),
         (("start:", "time: -1\nstart:"), "time: must be a positive number, got -1"),
+        (("start:", "frames: {camera: {position: [1, 0]}}\nstart:"), "frames.camera.position: must be 3 numbers"),
         (("start:", "danger: 3\nstart:"), "danger: must be a mapping"),
         (("start:", "danger: {spacing: .nan}\nstart:"), "danger.spacing: must be a finite number"),
         (("start:", "planners: {SafePRM: {alpha: .inf}}\nstart:"), "planners.SafePRM.alpha: must be a finite"),
@@ -180,11 +180,7 @@ def test_configurations_by_order_or_by_name(folder, arm):
             InputError,
             "goal.configurations[1]: joint 'joint1' = 9 is outside its limits",
         ),
-        (
-            ("configuration: [1, 0, 0]", "position: [1, 0, 0]"),
-            InputError,
-            "goal.configuration: missing: this planner needs a goal configuration",
-        ),
+        (("configuration: [1, 0, 0]", "position: [1, 0, 0]"), InputError, "goal.configuration: missing: this planner"),
     ],
 )
 def test_what_does_not_fit_the_robot_is_refused(folder, arm, change, kind, message):

@@ -128,10 +128,7 @@ def test_world_keypoints_are_in_the_world():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (
-            "obstacles: [{name: a, sphere: {radius: .nan}}]",
-            "'a'.sphere.radius: must be a finite number in (0, 10000], got nan",
-        ),
+        ("obstacles: [{name: a, sphere: {radius: .nan}}]", "'a'.sphere.radius: must be a finite number in (0, 10000]"),
         ("obstacles: [{name: a, sphere: {raduis: 1}}]", "sphere.raduis: unknown key; did you mean 'radius'?"),
         ("obstacles: [{name: a, sphere: {}}]", "'a'.sphere.radius: missing, but needed"),
         ("obstacles: [{name: a, shpere: {radius: 1}}]", "'a'.shpere: unknown key; did you mean 'sphere'?"),
@@ -144,15 +141,9 @@ def test_world_keypoints_are_in_the_world():
             "quaternion_xyzw: [0.0, 0.0, 0.0, 2.0] must have length 1, not 2",
         ),
         ("obstacles: [{name: a, sphere: {radius: 1}, yaw: 0, rpy: [0, 0, 0]}]", "give only one of rpy and yaw"),
-        (
-            "obstacles: [{name: a, sphere: {radius: 1}, weight: heavy}]",
-            "'a'.weight: must be a finite number >= 0, got 'heavy'",
-        ),
+        ("obstacles: [{name: a, sphere: {radius: 1}, weight: heavy}]", "'a'.weight: must be a finite number >= 0, got"),
         ("obstacles: [{name: a, sphere: {radius: 1}, color: red}]", "'a'.color: must be '#rrggbb'"),
-        (
-            "obstacles: [{name: a, person: {world_keypoints: {hat: [0, 0, 0]}}}]",
-            "'a'.person.world_keypoints.hat: unknown key",
-        ),
+        ("obstacles: [{name: a, person: {world_keypoints: {hat: [0, 0, 0]}}}]", "person.world_keypoints.hat: unknown"),
         ("obstacle: []", "obstacle: unknown key; did you mean 'obstacles'? valid keys: obstacles, spacing"),
         ("spacing: 1\nobstacles: [}", "scene.yaml:2: malformed YAML"),
         ("spacing: 1\nspacing: 2", "scene.yaml:2: malformed YAML: the key 'spacing' is given twice"),
@@ -257,10 +248,7 @@ def test_parts_have_names_and_places(kitchen):
     ("build", "message"),
     [
         (lambda: Scene([{}]), "obstacles[0].shape: give exactly one of"),
-        (
-            lambda: Scene([Sphere(1)]),
-            "obstacles[0]: must be an Obstacle, or a mapping that describes one, got Sphere(radius=1.0)",
-        ),
+        (lambda: Scene([Sphere(1)]), "obstacles[0]: must be an Obstacle, or a mapping that describes one, got Sphere"),
         (lambda: Scene(Obstacle("a", Sphere(1))), "obstacles: must be a list of Obstacle, got Obstacle('a',"),
         (lambda: Scene([Obstacle("a", Sphere(1))] * 2), "obstacles[1].name: 'a' is already obstacles[0], the same"),
         (lambda: Obstacle("a", {}), "shape: must be a shape (Box, Sphere, Cylinder, Capsule, Mesh, PointCloud"),

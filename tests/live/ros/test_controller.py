@@ -194,10 +194,7 @@ def test_what_is_late_out_of_order_or_cannot_be_used_changes_nothing(moving):
         (lambda: controller.receive_joints(now, names[:6], [0.0] * 6), "name: panda_joint7 missing"),
         (lambda: controller.receive_joints(now, names, [0.0] * 3), "position: must be as many as the 7"),
         (lambda: controller.receive_joints(now + 1, names, [0.0] * 7), "stamp: is 1.000 s in the future"),
-        (
-            lambda: controller.receive_people(now + 1, {"operator": BODY}),
-            "stamp: 'operator' was measured 1.000 s in the",
-        ),
+        (lambda: controller.receive_people(now + 1, {"operator": BODY}), "stamp: 'operator' was measured 1.000 s in"),
         (lambda: controller.receive_people(now, {"operator": BODY[:5]}), r"must have shape \(17, 3\)"),
         (lambda: controller.receive_people(now, {"operator": BODY * [1, np.nan, 1]}), "must be finite, or NaN where"),
         (lambda: controller.receive_object(now, "cart", Pose()), "unknown object 'cart'"),

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from safe_ompl import InputError, Pose, Robot, Scenario
+from safe_ompl import InputError, Pose, Robot
 from safe_ompl.live import find_skeleton
 from safe_ompl.live.ros import lookup_of
 from safe_ompl.live.ros.messages import FramePlaces, cloud_of, people_of_markers, pose_of, stamp_of
@@ -135,19 +135,6 @@ def test_a_cloud(frames):
     np.testing.assert_allclose(found, [[1.0, 1.0, 2.0], [1.0, 2.0, 2.0]])
     assert time == 7.5
     assert len(cloud_of(message(header=header(), **{**sizes, "width": 0}), 0.02, frames)[1]) == 0
-
-
-def test_frames_of_a_scenario(tmp_path):
-    text = "robot: planar2\nstart: [0, 0]\ngoal: {configuration: [1, 1]}\n"
-    text += "frames: {camera: {position: [1, 0, 2], yaw: 1.5}}\n"
-    (tmp_path / "a.yaml").write_text(text)
-    scenario = Scenario.load(tmp_path / "a.yaml")
-    scenario.save(tmp_path / "b.yaml")
-    assert scenario.frames["camera"].position == (1.0, 0.0, 2.0)
-    assert Scenario.load(tmp_path / "b.yaml").frames == scenario.frames
-    (tmp_path / "a.yaml").write_text(text.replace("[1, 0, 2]", "[1, 0]"))
-    with pytest.raises(InputError, match=r"frames\.camera\.position: must be 3 numbers"):
-        Scenario.load(tmp_path / "a.yaml")
 
 
 # ----------------------------------------------------------------------------------------------------- sightings

@@ -2,9 +2,38 @@
 
 import numpy as np
 
+from safe_ompl import Pose
+
 HOME = np.array([-1.0, 0.0, 0.0, -2.0, 0.0, 2.2, 0.785])
 SWING = np.array([1.0, 0.3, 0.0, -0.3, 0.0, 0.3, 0.0])
 BENDS, VELOCITY, TWIST, SWINGING, NOTHING, JUMPS = (0, 1, 2), 3, 4, 5, 6, 7  # kinds of proposals
+
+JERKS = ([7500, 3750, 5000, 6250, 7500, 10000, 10000], [800] * 7, [100] * 7)  # the first are a Franka's
+
+
+def drive(shield, propose, ball, seconds, latency=0.02):
+    """Propose at each tick, with the ball where `ball` has it; return commands and states (T, 3, n) in between.
+
+    Nothing that is driven is beyond the limits, touches what stands still or jumps.
+    """
+    commands, states = [], []
+    for k in range(round(seconds / shield.tick)):
+        now = k * shield.tick
+        shield.update({}, {"ball": Pose(tuple(ball(now)))}, now)
+        here = commands[-1].at(now + latency).q if commands else HOME
+        propose(shield, now + latency, here)
+        commands.append(shield.command(now + latency))
+        times = now + latency + np.arange(5) * shield.tick / 5
+        states.append([commands[-1].at(t) for t in times])
+    states = np.array(states).reshape(-1, 3, 7)
+    limits, robot = shield.limits.joints, shield.robot
+    assert (np.abs(states[:, 1]) <= limits.velocity * (1 + 1e-9)).all()
+    assert (np.abs(states[:, 2]) <= limits.acceleration * (1 + 1e-6)).all()
+    steps = np.diff(states[:, 0], axis=0) - 0.005 * (states[1:, 1] + states[:-1, 1])
+    assert np.abs(steps).max() < 0.01**2 * limits.acceleration.max()
+    assert not any(shield.prover.checker.in_collision(q) for q in states[::5, 0])
+    assert robot.within_limits(states[:, 0]).all()
+    return commands, states
 
 
 def swing(t):

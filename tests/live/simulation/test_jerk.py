@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import HealthCheck, example, given, settings, strategies as st
-from swinging import HOME, NOTHING, SWING, SWINGING, proposing, swing
+from swinging import HOME, JERKS, NOTHING, SWING, SWINGING, drive, proposing
 
 from safe_ompl import Pose, RateLimits, Replanner, Sphere, Surroundings, time_path
 from safe_ompl.live.replanning import Action
@@ -16,7 +16,6 @@ from safe_ompl.live.simulation import ContactMonitor, part_solids
 SIDE = np.eye(7)[0]
 FAR = np.array([3.0, 0.0, 0.0])
 ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]
-JERKS = ([7500, 3750, 5000, 6250, 7500, 10000, 10000], [800] * 7, [100] * 7)  # the first are a Franka's
 KEPT = 1 + 1e-6
 STEP = 2.5e-3  # [s]
 
@@ -48,18 +47,6 @@ def check_commands(commands, limits):
         np.testing.assert_array_equal(command.at(np.inf).qd, 0.0)
 
 
-def run(shield, propose, ball, ticks):
-    """Return the commands of a shield."""
-    commands = []
-    for k in range(ticks):
-        now = k * shield.tick
-        shield.update({}, {"ball": Pose(tuple(ball(now)))}, now)
-        here = commands[-1].at(now + 0.02).q if commands else HOME
-        propose(shield, now, here)
-        commands.append(shield.command(now + 0.02))
-    return commands
-
-
 @settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     seed=st.integers(0, 2**31),
@@ -76,7 +63,7 @@ def test_whatever_is_proposed_all_rates_are_kept_and_stops_are_proven(shield_for
     def ball(time):
         return np.array([0.75, 0.3 * np.sin(4 * time + seed), 0.5]) if near else FAR
 
-    commands = run(shield, proposing(rng, kinds), ball, 20)
+    commands, _ = drive(shield, proposing(rng, kinds), ball, 1.0)
     check_commands(commands, shield.limits.joints)
     for command in commands[2::5]:
         solids = part_solids("ball", Sphere(0.1), pin.SE3(np.eye(3), ball(command.measured)))
@@ -85,32 +72,6 @@ def test_whatever_is_proposed_all_rates_are_kept_and_stops_are_proven(shield_for
             assert not shield.prover.checker.in_collision(q)
             if np.abs(qd).max() > 1e-6:  # the ball grows as fast as it may
                 assert monitor.nearest(q, solids).distance > 1.6 * (t - command.measured) - 1e-9
-
-
-@pytest.mark.parametrize("jerk", JERKS)
-def test_a_smooth_proposal_is_driven_in_time(shield_for, jerk):
-    def propose(shield, time, here):
-        shield.propose(swing(time + np.arange(20) / 20), 20.0)
-
-    shield = shield_for(jerk=jerk)
-    commands = run(shield, propose, lambda t: FAR, 60)
-    assert {command.action for command in commands} == {Action.MOVING}
-    assert max(command.delay for command in commands) < 1e-9
-    found = [command.at(command.time).q for command in commands]
-    np.testing.assert_allclose(found, swing(np.arange(60) * 0.05), atol=2e-3)
-    times = np.arange(0.0, 0.05 - 1e-9, STEP)
-    check_limits(
-        np.array([command.at(command.time + t) for command in commands for t in times]), shield.limits.joints, STEP
-    )
-
-
-def test_a_velocity_is_reached_held_and_left(shield_for):
-    shield, target = shield_for(jerk=JERKS[1]), 0.4 * SWING
-    commands = run(shield, lambda s, t, _: t < 1.0 and s.propose_velocity(target), lambda t: FAR, 40)
-    for command in commands[10:18]:
-        np.testing.assert_allclose(command.at(command.time).qd, target, atol=1e-9)
-    assert commands[-1].action is Action.DONE
-    check_commands(commands, shield.limits.joints)
 
 
 @pytest.mark.parametrize(("jerk", "blends"), [(JERKS[0], True), (JERKS[1], False)])

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.interpolate import CubicSpline
-from swinging import BENDS, HOME, JUMPS, NOTHING, SWING, TWIST, VELOCITY, proposing, swing
+from swinging import BENDS, HOME, JERKS, JUMPS, NOTHING, SWING, TWIST, VELOCITY, drive, proposing, swing
 
 from safe_ompl import CollisionChecker, InputError, Motion, MotionProver, Pose, RateLimits, Shield, Sphere, Surroundings
 from safe_ompl.collision import Separation
@@ -15,31 +15,6 @@ from safe_ompl.live.simulation import ContactMonitor, part_solids
 
 FAR = (3.0, 0.0, 0.0)
 RATE, CHUNK = 20.0, 16
-
-
-def drive(shield, propose, ball, seconds, latency=0.02):
-    """Propose at each tick, with the ball where `ball` has it; return commands and states (T, 3, n) in between.
-
-    Nothing that is driven is beyond the limits, touches what stands still or jumps.
-    """
-    commands, states = [], []
-    for k in range(round(seconds / shield.tick)):
-        now = k * shield.tick
-        shield.update({}, {"ball": Pose(tuple(ball(now)))}, now)
-        here = commands[-1].at(now + latency).q if commands else HOME
-        propose(shield, now + latency, here)
-        commands.append(shield.command(now + latency))
-        times = now + latency + np.arange(5) * shield.tick / 5
-        states.append([commands[-1].at(t) for t in times])
-    states = np.array(states).reshape(-1, 3, 7)
-    limits, robot = shield.limits.joints, shield.robot
-    assert (np.abs(states[:, 1]) <= limits.velocity * (1 + 1e-9)).all()
-    assert (np.abs(states[:, 2]) <= limits.acceleration * (1 + 1e-6)).all()
-    steps = np.diff(states[:, 0], axis=0) - 0.005 * (states[1:, 1] + states[:-1, 1])
-    assert np.abs(steps).max() < 0.01**2 * limits.acceleration.max()
-    assert not any(shield.prover.checker.in_collision(q) for q in states[::5, 0])
-    assert robot.within_limits(states[:, 0]).all()
-    return commands, states
 
 
 def from_path(states, seconds):
@@ -64,10 +39,11 @@ def once(motion, start=None):
     return lambda shield, time, _: time < 0.03 and shield.propose(motion, start=start)
 
 
-def test_a_proposal_that_nobody_bars_is_driven_as_it_is(shield_for):
-    commands, states = drive(shield_for(), chunks(), lambda t: FAR, 4.0)
+@pytest.mark.parametrize(("jerk", "within"), [(None, 1e-5), *((jerk, 2e-3) for jerk in JERKS)])
+def test_a_proposal_that_nobody_bars_is_driven_as_it_is(shield_for, jerk, within):
+    commands, states = drive(shield_for(jerk=jerk), chunks(), lambda t: FAR, 3.0)
     times = np.arange(len(states)) * 0.01
-    np.testing.assert_allclose(states[:, 0], swing(times), atol=1e-5)
+    np.testing.assert_allclose(states[:, 0], swing(times), atol=within)
     assert {command.action for command in commands} == {Action.MOVING}
     assert all(command.follows and command.delay < 1e-9 and not command.reason for command in commands)
     np.testing.assert_allclose(states[:, 1], np.gradient(states[:, 0], 0.01, axis=0), atol=0.02)
@@ -187,15 +163,16 @@ def test_accelerations_beyond_the_limits_cost_time_only(shield_for):
     assert from_path(states, 4.5) < 2e-3
 
 
-def test_a_velocity_is_approached_held_and_left(shield_for):
+@pytest.mark.parametrize("jerk", [None, JERKS[1]])
+def test_a_velocity_is_approached_held_and_left(shield_for, jerk):
     target = np.array([0.5, -0.1, 0.2, 0.0, 0.3, 0.0, -0.4])
 
     def propose(shield, time, here):
         if time < 1.0:
             shield.propose_velocity(target)
 
-    commands, states = drive(shield_for(), propose, lambda t: FAR, 2.0)
-    np.testing.assert_allclose(states[20:95, 1], np.tile(target, (75, 1)), atol=1e-9)
+    commands, states = drive(shield_for(jerk=jerk), propose, lambda t: FAR, 2.0)
+    np.testing.assert_allclose(states[50:95, 1], np.tile(target, (45, 1)), atol=1e-9)
     assert {command.action for command in commands[4:18]} == {Action.MOVING}
     assert commands[-1].action is Action.DONE
     np.testing.assert_array_equal(states[-1, 1], 0)
