@@ -216,7 +216,7 @@ def scenario_of(folder, said):
         ("odd", "group_state 'odd': joint shoulder: must have a finite number as its value, got 'a'"),
         ("none", "joint shoulder: must have a finite number as its value, got ''"),
         ("wild", "joint shoulder: must have a finite number as its value, got 'nan'"),
-        ("", "start: must be text of one line"),
+        ("", "start: must be text on one line"),
     ],
 )
 def test_states_that_cannot_be_used(crank_like, tmp_path, state, said):
