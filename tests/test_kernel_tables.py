@@ -126,6 +126,7 @@ CALLS = {
     "kinematics.Coordinates": lambda t: [-t.ones, t.ones, np.zeros(6, bool)],
     "kinematics.Coordinates.steer": lambda t: [t.values[0], t.values[1], 0.1],
     "kinematics.Coordinates.descend": lambda t: [numbers(2, 6), t.ones, 0.1],
+    "kinematics.damped_pseudoinverse_step": lambda t: [numbers(3, 6), numbers(3), numbers(6), 0.05, 0.05],
     "kinematics.unrolled": lambda t: [t.values, np.ones(6, bool)],
     # safe_ompl.geometry
     "convex.ShapeTable": lambda t: [*t.hulls.__reduce__()[1]],

@@ -8,7 +8,7 @@ If it is prismatic, R_i = R_parent·R⁰_i, and o_i moves by q_i along the axis 
 children and have Pinocchio's numbers: 0 is the base, and joint i of a table is Pinocchio's joint i + 1.
 """
 
-from libc.math cimport INFINITY, M_PI, rint, sqrt
+from libc.math cimport INFINITY, M_PI, fabs, rint, sqrt
 from libc.stdlib cimport free, malloc
 
 import numpy as np
@@ -26,6 +26,14 @@ JOINT = np.dtype(
     align=True,
 )
 KEY_POINT = np.dtype([("offset", np.float64, (3,)), ("joint", np.intp)], align=True)
+
+
+cdef enum:
+    # Sweeps of Jacobi's rotations at most. Matrices of six rows need about six.
+    SWEEPS = 30
+
+# Rotations end when the elements off the diagonal are below this share of the largest one on it.
+cdef double DIAGONAL = 1e-15
 
 
 cdef struct Frames:
@@ -415,6 +423,79 @@ cdef bint edge_between(EdgeTable table, const double *start, const double *end, 
         edge[j] = row[1] * start[i] + row[2]
         edge[table.m + j] = row[1] * difference(start[i], end[i], row[3] != 0.0)
     return True
+
+
+def damped_pseudoinverse_step(
+    const double[:, ::1] jacobian, const double[::1] error, const double[::1] drift, double singular, double damping
+):
+    """Return Δq (n,) = Δq₀ + Jᵀ(JJᵀ + Λ²)⁻¹(Δx − JΔq₀) for J (m, n), Δx (m,) and Δq₀ (n,), with m ≤ 6.
+
+    Λ² is damping²·(1 − σ²/singular²) in directions of JJᵀ with singular values σ of J below `singular`, and 0 in
+    others. The directions are found by Jacobi's rotations (Golub, Van Loan: Matrix Computations, §8.5).
+    """
+    cdef Py_ssize_t m = jacobian.shape[0], n = jacobian.shape[1], i, j, k, l
+    cdef double[6][6] square, directions
+    cdef double[6] residual, solved
+    cdef double total, largest
+    if not (0 < m <= 6 and error.shape[0] == m and drift.shape[0] == n):
+        raise InputError(
+            f"a Jacobian of 1 to 6 rows must come with errors of its rows and drifts of its columns, got "
+            f"{(m, n)}, {(error.shape[0],)} and {(drift.shape[0],)}"
+        )
+    found = np.array(drift)
+    cdef double[::1] out = found
+    with nogil:
+        largest = 0.0
+        for i in range(m):
+            residual[i] = error[i]
+            for k in range(n):
+                residual[i] -= jacobian[i, k] * drift[k]
+            for j in range(i + 1):
+                total = 0.0
+                for k in range(n):
+                    total += jacobian[i, k] * jacobian[j, k]
+                square[i][j] = square[j][i] = total
+                directions[i][j] = directions[j][i] = 1.0 if i == j else 0.0
+            largest = max(largest, square[i][i])
+        for _ in range(SWEEPS):
+            total = 0.0
+            for i in range(m):
+                for j in range(i):
+                    total = max(total, fabs(square[i][j]))
+                    if square[i][j] != 0.0:
+                        _rotate_pair(square, directions, m, j, i)
+            if total <= DIAGONAL * largest:
+                break
+        for l in range(m):
+            total = 0.0
+            for i in range(m):
+                total += directions[i][l] * residual[i]
+            largest = square[l][l]
+            solved[l] = total / (largest + damping * damping * max(0.0, 1.0 - largest / (singular * singular)))
+        for i in range(m):
+            total = 0.0
+            for l in range(m):
+                total += directions[i][l] * solved[l]
+            for k in range(n):
+                out[k] += jacobian[i, k] * total
+    return found
+
+
+cdef void _rotate_pair(double[6] *square, double[6] *directions, Py_ssize_t m, Py_ssize_t p, Py_ssize_t q) noexcept nogil:
+    """Turn coordinates p and q of a symmetric matrix so that its element (p, q) is 0; turn the directions alike."""
+    cdef double theta = (square[q][q] - square[p][p]) / (2.0 * square[p][q])
+    cdef double t = (1.0 if theta >= 0.0 else -1.0) / (fabs(theta) + sqrt(theta * theta + 1.0))
+    cdef double c = 1.0 / sqrt(t * t + 1.0), s = t * c, first, second
+    cdef Py_ssize_t k
+    for k in range(m):
+        first, second = square[k][p], square[k][q]
+        square[k][p], square[k][q] = c * first - s * second, s * first + c * second
+    for k in range(m):
+        first, second = square[p][k], square[q][k]
+        square[p][k], square[q][k] = c * first - s * second, s * first + c * second
+        first, second = directions[k][p], directions[k][q]
+        directions[k][p], directions[k][q] = c * first - s * second, s * first + c * second
+    square[p][q] = square[q][p] = 0.0
 
 
 def unrolled(const double[:, ::1] path, continuous):
