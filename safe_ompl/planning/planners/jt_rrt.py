@@ -29,6 +29,9 @@ from safe_ompl.robot import (
 _LEAST_MARGIN = 0.01  # [m]
 # The share of extensions towards the goal that begin at a random node.
 _RANDOM_STARTS = 0.3
+# The default lengths of one step. The tip's way along J† is straight for longer than along Jᵀ, so twice as long steps
+# arrive as often; longer ones are trapped more often.
+_PSEUDOINVERSE_STEP, _TRANSPOSE_STEP = 0.4, 0.2  # [rad]
 # The gradient of the danger, the most expensive part of a step, is kept for this many steps.
 _SAME_SLOPE = 4
 
@@ -59,9 +62,9 @@ class SafeJTRRT(SafePlanner):
         No node is added that is more dangerous than its parent and than a threshold. This is at first the danger of the
         more dangerous end, which no path can avoid; after every eight refusals it rises by this share. It keeps the
         peak of the danger low. 0 for no threshold.
-    step : float > 0, default 0.2 [rad]
-        Largest length ‖Δq‖ of one step towards the goal. It takes the place of the paper's gain k₂: far from the goal
-        all steps are this long, near it they are the pseudoinverse's own.
+    step : float >= 0, default 0.0 [rad]
+        Largest length ‖Δq‖ of one step towards the goal; 0 means 0.4, or 0.2 with `transpose`. It takes the place of
+        the paper's gain k₂: far from the goal all steps are this long, near it they are the pseudoinverse's own.
     goal_bias : float >= 0, <= 1, default 0.05
         p_g: share of the extensions that go towards the goal. More is faster, less is safer.
     null_space_gain : float >= 0, default 1.0
@@ -91,6 +94,8 @@ class SafeJTRRT(SafePlanner):
       dead ends;
     * random steps descend sideways and keep to a threshold (`slide`, `threshold_rise`): lower danger;
     * CDF_Threshold is that of random steps; what `max_danger` forbids is proven not to happen;
+    * the path is contracted like an elastic band where neither the peak of the danger nor its integral rises, and its
+      edges are moved sideways (`slide`): it is shorter, and the danger is lower;
     * motions keep a margin, as long as they can (`clearance`): obstacles that are not dangerous are not grazed, either;
     * danger and margin lose weight where no path is found (`danger_decay`): they cost no solution;
     * α is relative to the usual slope of the danger: one default serves all robots.
@@ -119,7 +124,7 @@ class SafeJTRRT(SafePlanner):
     setSlide, getSlide = slide.methods()
     threshold_rise = Parameter(0.05)
     setThresholdRise, getThresholdRise = threshold_rise.methods()
-    step = Parameter(0.2, above=0)
+    step = Parameter(0.0)
     setStep, getStep = step.methods()
     goal_bias = Parameter(0.05, at_most=1)
     setGoalBias, getGoalBias = goal_bias.methods()
@@ -147,7 +152,7 @@ class SafeJTRRT(SafePlanner):
         self._danger.alpha = self.alpha
         self._growth.slide = self.slide
         self._growth.rise = self.threshold_rise
-        self._step.largest = self.step
+        self._step.largest = self.step or (_TRANSPOSE_STEP if self.transpose else _PSEUDOINVERSE_STEP)
         self._step.null_space_gain = self.null_space_gain
         self._step.transpose = self.transpose
         self._decay.half_life = self.danger_decay
@@ -162,7 +167,14 @@ class SafeJTRRT(SafePlanner):
                 self._extend_towards_goal(ptc)
             else:
                 self._extend_randomly()
-        return None if self._trees.arrived is None else self._trees.start.branch(self._trees.arrived)
+        if self._trees.arrived is None:
+            return None
+        path = self._trees.start.branch(self._trees.arrived)
+        if not self._danger.whole_weight:
+            return path
+        # The last turn may have ignored danger.
+        self._danger.scale = 1.0
+        return self._growth.settled(path, self.getRange(), ptc, self._margin.wanted, 1)
 
     def _extend_towards_goal(self, ptc: Any) -> None:
         """EXTEND_TOWARDS_GOAL: from the best node not chosen before, step by step as long as there is progress."""
@@ -309,7 +321,7 @@ class GoalStep:
 
     def __init__(self, problem: PlanningProblem) -> None:
         self._problem = problem
-        self.largest = 0.1
+        self.largest = _PSEUDOINVERSE_STEP
         self.null_space_gain = 1.0
         self.transpose = False
         self._target: TargetPose

@@ -7,8 +7,7 @@ import pytest
 from ompl import base as ob
 from plane import EXACT, GOAL, START, TIMEOUT, HotSpot, PlaneProblem, SlopedHotSpot, nowhere, wall_with_a_gap, walled_in
 
-from safe_ompl import SafePRM, SafeSetup, Scenario, Scene
-from safe_ompl.planning import setup_scenario
+from safe_ompl import SafePRM, SafeSetup, Scene
 from safe_ompl.planning.planners import prm
 from safe_ompl.planning.planners.problem import PlanningProblem
 from safe_ompl.planning.planners.roadmap import Roadmap
@@ -144,15 +143,3 @@ def test_the_metric_of_the_link_ends_is_equation_11(robot_named, rng, name):
     roadmap.invalid[5] = True
     nearest = [k for k in np.argsort(expected, kind="stable") if k not in (0, 1, 5)]
     assert roadmap.nearest(3, np.arange(20) < 2).tolist() == nearest
-
-
-@pytest.mark.parametrize("name", ["panda_shelf", "paper_1", "paper_2", "ur5_handover", "xarm7_pillars"])
-def test_peaks_are_below_classical_ones_and_paths_hardly_longer(name):
-    setup = setup_scenario(Scenario.load(name))
-    peaks, lengths = [], []
-    for planner in ("SafePRM", "ClassicPRM"):
-        reports = [setup.plan(planner, time=20.0, seed=seed).report for seed in range(5)]
-        peaks.append(np.median([report.danger.max for report in reports]))
-        lengths.append(np.median([report.length for report in reports]))
-    assert peaks[0] < peaks[1]
-    assert lengths[0] < 1.3 * lengths[1]

@@ -281,6 +281,24 @@ def test_clearance_costs_no_solution_where_no_motion_keeps_it(shelf, name, dange
     assert result.counts.nodes < 2000
 
 
+ONCE_LONGER = [
+    *(("PRM", scenario) for scenario in ("panda_shelf", "paper_1", "paper_2", "ur5_handover", "xarm7_pillars")),
+    *(("JTRRT", scenario) for scenario in ("paper_1", "paper_2", "ur5_handover", "xarm7_pillars")),
+]
+
+
+@pytest.mark.parametrize(("family", "scenario"), ONCE_LONGER)
+def test_peaks_are_below_classical_ones_and_paths_hardly_longer(family, scenario):
+    setup = setup_scenario(load(scenario))
+    peaks, lengths = [], []
+    for planner in (f"Safe{family}", f"Classic{family}"):
+        reports = [setup.plan(planner, time=20.0, seed=seed).report for seed in range(5)]
+        peaks.append(np.median([report.danger.max for report in reports]))
+        lengths.append(np.median([report.length for report in reports]))
+    assert peaks[0] < peaks[1]
+    assert lengths[0] < 1.3 * lengths[1]
+
+
 @pytest.mark.parametrize("name", [name for name in OURS if name not in SAFE])
 def test_classical_planners_look_at_neither_clearance_nor_danger(shelf, name):
     results = [shelf.plan(name, time=30.0, seed=0, parameters={"clearance": c}) for c in (LARGE, 0.0)]
