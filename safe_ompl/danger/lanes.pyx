@@ -827,6 +827,9 @@ cdef int _gradients(
     return 0
 
 
-cdef LaneFunctions _functions = LaneFunctions(_block_size, _potentials, _highest, _gradients)
+# A call of the struct would make Cython write a Python function for the first pointer, which is not used.
+cdef LaneFunctions _functions
+_functions.block_size, _functions.potentials = _block_size, _potentials
+_functions.highest, _functions.gradients = _highest, _gradients
 
 functions = PyCapsule_New(&_functions, "safe_ompl.danger.LaneFunctions", NULL)

@@ -179,15 +179,6 @@ cdef class ShapeTable:
         free(bodies.pose)
         return np.array([found.x, found.y, found.z])
 
-    def way_from_box(self, Py_ssize_t g, point):
-        """Return the vector (3,) [m] to a point from the nearest one of the box about a body that no joint carries."""
-        cdef Pose pose
-        cdef Vector found, place = _vector("point", point)
-        self._check_body(g)
-        place_still(&self.data.body[g], &pose)
-        found = from_box(&self.data.body[g], &pose, &place.x)
-        return np.array([found.x, found.y, found.z])
-
     cdef int _check_body(self, Py_ssize_t g) except -1:
         if not (0 <= g < self.count and self.data.body[g].joint == 0):
             raise InputError(f"there is no body {g} that no joint carries")

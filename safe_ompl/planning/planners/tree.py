@@ -10,7 +10,7 @@ from ompl import base as ob
 from safe_ompl.common import Counts, FloatArray, IntArray
 from safe_ompl.planning.ompl import StateCost
 from safe_ompl.planning.planners.growth import Tree, branch
-from safe_ompl.robot import StateBridge
+from safe_ompl.robot import OwnState, StateBridge
 
 
 class SearchTree(Protocol):
@@ -112,18 +112,17 @@ class PlannerGraph(NamedTuple):
     def fill(self, data: Any, bridge: StateBridge) -> None:
         """Append the graph to an `ob.PlannerData` with copies of the states; the order of vertices is kept."""
         starts, goals = set(self.starts.tolist()), set(self.goals.tolist())
-        states: list[Any] = []
-        numbers = []
+        states, numbers = list[OwnState](), []
         for k, q in enumerate(self.configurations):
-            states.append(bridge.space.allocState())
+            states.append(OwnState(bridge))
             # PlannerData identifies states by their addresses, and keeps addresses of states that `clear` has freed.
-            # Therefore a state is allocated until its address is new.
-            while data.vertexExists(vertex := ob.PlannerDataVertex(states[-1])):
-                states.append(bridge.space.allocState())
-            bridge.write(q, states[-1])
+            # Therefore states are taken until one has a new address.
+            while data.vertexExists(vertex := ob.PlannerDataVertex(states[-1].state)):
+                states.append(OwnState(bridge))
+            bridge.write(q, states[-1].state)
             add = data.addStartVertex if k in starts else data.addGoalVertex if k in goals else data.addVertex
             numbers.append(add(vertex))
         for start, end in self.edges.tolist():
             data.addEdge(numbers[start], numbers[end])
-        # Until this call the PlannerData has pointers to the states allocated here.
+        # Until this call the PlannerData has pointers to these states, which are reused afterwards.
         data.decoupleFromPlanner()

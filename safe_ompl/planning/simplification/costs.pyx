@@ -240,14 +240,11 @@ cdef class DangerTerms:
                 for j in range(self.m):
                     out[self.n * c + i] += self._matrix[j, i] * slopes[self.m * c + j]
 
-    def path_cost(self, const double[:, ::1] path, double step):
-        """Return J of an unrolled path (N, n) by the trapezoidal rule, and from how many samples [rad] apart."""
-        cdef Py_ssize_t samples
-        cdef double cost = self.cost_along(path, step, &samples)
-        return cost, samples
-
     cdef double cost_along(self, const double[:, ::1] path, double step, Py_ssize_t *samples) except? -1:
-        """Return what `path_cost` does."""
+        """Return J of an unrolled path (N, n) by the trapezoidal rule; write from how many samples.
+
+        Samples are `step` [rad] apart.
+        """
         cdef double length = length_of(path), total = 0.0
         cdef Py_ssize_t B = _sample_count(path, length, step), k
         cdef double *Q

@@ -16,6 +16,7 @@ from safe_ompl import Cylinder, Obstacle, Pose, Robot, SafeSetup, Scenario, Scen
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import SafeRRTConnect, is_ours, make_planner, needs_place, planner_data, planner_names
 from safe_ompl.planning.planners.problem import Margin
+from safe_ompl.robot import OwnState
 
 OURS = [name for name in planner_names() if is_ours(name)]
 SAFE = [name for name in OURS if not name.startswith("Classic")]
@@ -210,6 +211,17 @@ def test_the_graph_and_its_edges_also_as_ompls_data(planar3, name):
         assert data.getVertex(k).getState()[0 : len(q)] == q.tolist()
     assert all(data.edgeExists(start, end) for start, end in graph.edges.tolist())
     assert data.printGraphML().count("<node") == len(graph.configurations)
+
+
+def test_states_for_ompls_data_are_used_again(planar3):
+    planar3.plan("SafeRRTConnect", time=20.0, seed=1)
+    unused = OwnState(planar3.bridge)._unused
+    kept = []
+    for _ in range(3):
+        planar3.getPlannerData(ob.PlannerData(planar3.getSpaceInformation()))
+        gc.collect()
+        kept.append(len(unused))
+    assert kept[0] == kept[1] == kept[2] >= len(planar3.getPlanner().plannerGraph().configurations)
 
 
 def test_where_ompl_asks_in_vain_one_warning_says_so(planar3, caplog):
