@@ -120,6 +120,23 @@ def test_the_least_distance_below_what_is_asked(case):
             assert distances.least(path[part], 0.4) == pytest.approx(min(0.4, true[part].min()), abs=2e-5)
 
 
+def test_gradients_of_the_distances_of_near_pairs(case, rng):
+    checker, path = case
+    pairs = checker.pairs
+    table = pairs.near(path, 0.3)
+    rows, of = table[:, :2].T.astype(int)
+    ways = 1e-5 * rng.normal(size=path[rows].shape)
+    changes = np.einsum("kn,kn->k", pairs.gradients(path, table), ways)
+    ends = [
+        pairs.distances(np.stack([q, q + way]), of[[k]])
+        for k, (q, way) in enumerate(zip(path[rows], ways, strict=True))
+    ]
+    apart = table[:, 2] > 1e-3
+    # At edges that are parallel to faces other points may be nearest after a step.
+    assert (np.abs(changes - np.diff(ends, axis=1).ravel())[apart] < 1e-6).mean() > 0.95
+    assert np.abs(changes[apart]).max() > 1e-5
+
+
 def test_bodies_that_are_not_convex_are_measured_by_coal():
     hollow = coal.BVHModelOBBRSS()
     hollow.beginModel(1, 3)
