@@ -20,7 +20,12 @@ def setup_for(robot, scene=BALL, **options):
     return setup
 
 
-def densely(robot, path):
-    """Return configurations of a path, 200 on each edge."""
-    t = np.linspace(0, 1, 200)[:, None]
+def never():
+    """Stop nothing."""
+    return False
+
+
+def densely(robot, path, number=200):
+    """Return configurations of a path, `number` on each edge."""
+    t = np.linspace(0, 1, number)[:, None]
     return np.concatenate([a + t * robot.difference(a, b) for a, b in pairwise(path)])

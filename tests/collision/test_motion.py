@@ -160,11 +160,6 @@ def test_a_motion_of_no_length(crank):
     assert (blocked.verdict, blocked.pair) == (Verdict.BLOCKED, ("ball", "ball"))
 
 
-def test_a_robot_alone_in_the_world_moves_freely(crank):
-    motion = MotionProver(CollisionChecker(crank, Scene()))
-    assert motion.check(np.array([-3.0]), np.array([3.0])) == MotionVerdict(Verdict.FREE)
-
-
 # ---------------------------------------------------------------------------------------------- continuous joints
 
 

@@ -1,10 +1,10 @@
 """Certified danger: nothing on a motion is more dangerous than proven, and the proof is tight and cheap."""
 
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
+from ball import densely
 from edges import kept_within_limits
 from hypothesis import given, settings, strategies as st
 
@@ -44,12 +44,6 @@ def random_path(robot, seed, edges, length):
         end = path[-1] + length * rng.normal(size=robot.n) / np.sqrt(robot.n)
         path.append(kept_within_limits(robot, end))
     return np.array(path)
-
-
-def densely(robot, path, number=200):
-    """Return configurations on a path, `number` on each edge."""
-    t = np.linspace(0, 1, number)[:, None]
-    return np.concatenate([a + t * robot.difference(a, b) for a, b in pairwise(path)])
 
 
 # ------------------------------------------------------------------------------------------- moving key points

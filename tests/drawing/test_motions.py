@@ -5,35 +5,25 @@ import json
 import numpy as np
 import pytest
 
-from safe_ompl import Box, InputError, Motion, Obstacle, People, Person, Pose, RateLimits, SafeSetup, Scene, load
+from safe_ompl import Box, InputError, Motion, Obstacle, People, Pose, RateLimits, Scene, load
 from safe_ompl.apps import main
 from safe_ompl.drawing import ViewerContent, read_recording, save_animation
 from safe_ompl.drawing.plots import plot_speeds
 from safe_ompl.geometry import STANDING
 from safe_ompl.io import CarriedProblem, MotionRecord, carried_robot, carried_scene, marked, strict_json
 
-START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
 TICK = 0.1
 
 
 @pytest.fixture(scope="module")
-def setup(ur5):
-    worker = Obstacle("worker", Person(height=1.7), Pose((1.3, 0.0, -0.8)))
-    setup = SafeSetup(ur5, Scene((worker,)))
-    setup.setConfigurations(START, GOAL)
-    return setup
+def trajectory(ur5, beside_a_worker):
+    limits = RateLimits.of(ur5, acceleration=[8.0] * 6)
+    return beside_a_worker.timed(limits, people=People(speed=0.4, reaction_time=0.05))
 
 
 @pytest.fixture(scope="module")
-def trajectory(setup):
-    result = setup.plan("SafeRRTConnect", time=10.0, seed=0)
-    limits = RateLimits.of(setup.robot, acceleration=[8.0] * 6)
-    return result.timed(limits, people=People(speed=0.4, reaction_time=0.05))
-
-
-@pytest.fixture(scope="module")
-def record(setup, trajectory):
-    problem = CarriedProblem(setup.robot, setup.scene, None)
+def record(ur5, beside_a_worker, trajectory):
+    problem = CarriedProblem(ur5, beside_a_worker.scene, None)
     return MotionRecord.of(trajectory, problem, rate=50.0, name="SafeRRTConnect")
 
 
@@ -52,7 +42,7 @@ def recording(ur5, tmp_path_factory):
         lines.append(
             {
                 "time": 2.0 + TICK * k,
-                "q": [0.1 * min(k, 5), *START[1:]],
+                "q": [0.1 * min(k, 5), -1.2, 1.2, -1.0, -1.57, 0.0],
                 "qd": [float(k < 5), 0, 0, 0, 0, 0],
                 "people": {} if k == 9 else {"anna": {**anna, "pelvis": [0.0, 0.0, 0.0]}},
                 "objects": {"box": box},
@@ -122,49 +112,37 @@ def test_a_view_plays_a_motion_as_it_is_in_time(record, trajectory):
         ViewerContent.of_motions([])
 
 
-def test_a_view_says_how_fast_it_is_and_what_bounds_it(record):
-    pytest.importorskip("viser")
-    from safe_ompl.drawing.viewer import BrowserView
-
-    view = BrowserView(ViewerContent.of_motions([record, record]), port=8766)
-    try:
-        assert list(view.content.paths) == ["SafeRRTConnect", "SafeRRTConnect, 2"]
-        board = view.path_views[0].board
-        assert view.path_views[0].label is None, "the board says who it is"
-        view.go_to(0.5)
-        cursor = np.array(board.cursor.points)
-        assert "bounded by" in view.describe()[0]
-        view.go_to(1.0)
-        assert np.linalg.norm(board.cursor.points - cursor) > 0.1
-        assert board.labels[0].text.startswith(f"{record.motion.duration:.2f} s: ")
-    finally:
-        view.stop()
+def test_a_view_says_how_fast_it_is_and_what_bounds_it(record, browser_view):
+    view = browser_view(ViewerContent.of_motions([record, record]))
+    assert list(view.content.paths) == ["SafeRRTConnect", "SafeRRTConnect, 2"]
+    board = view.path_views[0].board
+    assert view.path_views[0].label is None, "the board says who it is"
+    view.go_to(0.5)
+    cursor = np.array(board.cursor.points)
+    assert "bounded by" in view.describe()[0]
+    view.go_to(1.0)
+    assert np.linalg.norm(board.cursor.points - cursor) > 0.1
+    assert board.labels[0].text.startswith(f"{record.motion.duration:.2f} s: ")
 
 
-def test_robot_people_and_things_move_together(recording):
-    pytest.importorskip("viser")
-    from safe_ompl.drawing.viewer import BrowserView
-
+def test_robot_people_and_things_move_together(recording, browser_view):
     content = read_recording(recording)
     assert content.playing_time == pytest.approx(9 * TICK)
     assert [o.name for o in content.still] == ["wall"]
     assert [o.name for o in content.scene_at_start] == ["box", "wall", "anna"]
-    view = BrowserView(content, port=8767)
-    try:
-        figures = view.path_views[0].movers
-        head, box = figures.limbs["anna"]["head"][0], figures.things["box"][1][0]
-        before, low = np.array(head.position), np.array(box.position)
-        view.go_to(0.5)
-        np.testing.assert_allclose(head.position - before, [0.4, 0.0, 0.0], atol=1e-6)
-        np.testing.assert_allclose(box.position - low, [0.0, 0.0, 0.45], atol=1e-6)  # things move evenly between ticks
-        assert view.q[0] == pytest.approx(0.45)
-        assert "moving, 300 mm from wrist to anna's right hand" in view.describe()[0]
-        view.go_to(1.0)
-        assert not head.visible  # the person is not seen any more
-        assert "standing" in view.describe()[0]
-        assert "she is near" in view.describe()[0]
-    finally:
-        view.stop()
+    view = browser_view(content)
+    figures = view.path_views[0].movers
+    head, box = figures.limbs["anna"]["head"][0], figures.things["box"][1][0]
+    before, low = np.array(head.position), np.array(box.position)
+    view.go_to(0.5)
+    np.testing.assert_allclose(head.position - before, [0.4, 0.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(box.position - low, [0.0, 0.0, 0.45], atol=1e-6)  # things move evenly between ticks
+    assert view.q[0] == pytest.approx(0.45)
+    assert "moving, 300 mm from wrist to anna's right hand" in view.describe()[0]
+    view.go_to(1.0)
+    assert not head.visible  # the person is not seen any more
+    assert "standing" in view.describe()[0]
+    assert "she is near" in view.describe()[0]
 
 
 def test_recordings_that_cannot_be_read_are_refused(recording, tmp_path, capsys):

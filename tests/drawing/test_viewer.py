@@ -6,32 +6,25 @@ import numpy as np
 import pytest
 
 import safe_ompl
-from safe_ompl import Box, CollisionChecker, InputError, Obstacle, Person, PlanResult, Pose, SafeSetup, Scene
+from safe_ompl import CollisionChecker, InputError, PlanResult, Scene
 from safe_ompl.drawing import ViewerContent, save_page
 from safe_ompl.planning.simplification import PathReport
 
-START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
+
+@pytest.fixture(scope="module")
+def result(beside_a_worker):
+    return beside_a_worker
 
 
 @pytest.fixture(scope="module")
-def scene():
-    table = Obstacle("table", Box((1.0, 1.0, 0.04)), Pose((0.0, 0.0, -0.05)))
-    return Scene((table, Obstacle("worker", Person(height=1.7), Pose((1.2, 0.0, -0.8)))))
-
-
-@pytest.fixture(scope="module")
-def result(ur5, scene):
-    setup = SafeSetup(ur5, scene)
-    setup.setConfigurations(START, GOAL)
-    found = setup.plan("SafeRRTConnect", time=10.0, seed=0)
-    assert found
-    return found
+def scene(result):
+    return result.scene
 
 
 def test_a_view_knows_where_a_path_goes(result, ur5, scene):
     content = ViewerContent.of_results([result])
     along = content.along(result.planner, np.array([0.0, 1.0]))
-    np.testing.assert_allclose(along, [START, GOAL], atol=1e-9)
+    np.testing.assert_allclose(along, result.path[[0, -1]], atol=1e-9)
     assert len(content.danger_field.points) > 100
     two = ViewerContent.of_results([result, dataclasses.replace(result, seed=7)])
     assert list(two.paths) == ["SafeRRTConnect", "SafeRRTConnect, seed 7"]
@@ -40,7 +33,8 @@ def test_a_view_knows_where_a_path_goes(result, ur5, scene):
 
 
 def test_what_paths_are_like_is_said_and_the_safest_is_named(result, ur5, scene, tmp_path):
-    detour = np.array([START, [0.0, -0.6, 0.6, -1.0, -1.57, 0.0], GOAL])
+    start, goal = result.path[[0, -1]]
+    detour = np.array([start, [0.0, -0.6, 0.6, -1.0, -1.57, 0.0], goal])
     content = ViewerContent(ur5, scene, {"detour <b>": detour, "planned": result.path})
     report = PathReport.of(detour, CollisionChecker(ur5, scene), content.danger_field)
     assert content.facts("detour <b>") == [
@@ -62,7 +56,7 @@ def test_what_paths_are_like_is_said_and_the_safest_is_named(result, ur5, scene,
 
 def test_results_that_cannot_be_shown_are_refused(result):
     bare = PlanResult("Timeout", None, None, "PRM", 0, result.joint_names, 0.1)
-    with pytest.raises(InputError, match="PRM does not know its robot"):
+    with pytest.raises(InputError, match="the result of PRM has no robot and scene"):
         ViewerContent.of_results([bare])
     with pytest.raises(InputError, match="same robot and scene"):
         ViewerContent.of_results([result, dataclasses.replace(result, scene=Scene())])
@@ -87,16 +81,11 @@ def test_results_are_shown_from_the_package_and_still_by_themselves(result, monk
 
 
 @pytest.fixture
-def view(result):
-    pytest.importorskip("viser")
-    from safe_ompl.drawing.viewer import BrowserView
-
-    view = BrowserView(ViewerContent.of_results([result, dataclasses.replace(result, planner="RRTConnect")]), port=8765)
-    yield view
-    view.stop()
+def view(result, browser_view):
+    return browser_view(ViewerContent.of_results([result, dataclasses.replace(result, planner="RRTConnect")]))
 
 
-def test_sliders_and_play_bar_move_the_robots(view):
+def test_sliders_and_play_bar_move_the_robots(view, result):
     from safe_ompl.drawing.viewer import Controls
 
     places = np.array([path_view.root.position for path_view in view.path_views])
@@ -107,7 +96,7 @@ def test_sliders_and_play_bar_move_the_robots(view):
     np.testing.assert_allclose(view.q, middle)
     np.testing.assert_allclose([slider.value for slider in controls.joints], middle)
     controls.bar.value = 1.0
-    np.testing.assert_allclose(view.q, GOAL, atol=1e-9)
+    np.testing.assert_allclose(view.q, result.path[-1], atol=1e-9)
     controls.joints[0].value = 0.25
     assert view.q[0] == pytest.approx(0.25)
     assert len(view.describe()) == 2

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from ball import never
 
 from safe_ompl import DangerField
 from safe_ompl.danger.static import MAXIMUM, DangerPointTable, PointDanger, SkeletonTable
@@ -11,10 +12,6 @@ from safe_ompl.planning.simplification.descent import ActiveSetCost
 from safe_ompl.planning.simplification.measures import Curve
 from safe_ompl.robot import motion_limits
 from safe_ompl.robot.kinematics import JOINT, KEY_POINT, JointTable, KeyPointTable
-
-
-def never():
-    return False
 
 
 def descended(robot, field, path, steps=60):

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from ball import never
 
 from safe_ompl import Scenario
 from safe_ompl.planning import setup_scenario
@@ -13,10 +14,6 @@ from safe_ompl.planning.simplification import hybrid
 @pytest.fixture(scope="module")
 def setup():
     return setup_scenario(Scenario.load("ur5_handover"))
-
-
-def never():
-    return False
 
 
 def with_a_detour(path, robot, begin):

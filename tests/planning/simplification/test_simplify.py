@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from ball import GOAL, IN_BALL, SCENE, START, setup_for
+from ball import GOAL, IN_BALL, SCENE, START, never, setup_for
 from ompl import util as ou
 
 from safe_ompl import CollisionChecker, DangerField, InputError, MotionProver, SafeSetup, Scene
@@ -76,10 +76,6 @@ def length(path):
 def is_free(checker, path):
     motion = MotionProver(checker)
     return all(motion.is_free(a, b) for a, b in pairwise(path))
-
-
-def never():
-    return False
 
 
 def after(asked):
