@@ -1324,6 +1324,12 @@ cdef Outcome prove_curve(
         _place(pairs, work, moves + PLACE * m)
         if degree > 1:
             widest = _write_rates(&proof)
+        places += 1
+        if fresh:
+            for k in range(memory.suspect_count):
+                if _is_too_near(&proof, memory.suspects[k]):
+                    _suspect(memory, memory.suspects[k])
+                    return Outcome(-1, t, places)
         move_joints(pairs.joints, m, moves + VELOCITY * m, memory.origins, memory.axes, memory.twists + 6)
         for g in range(pairs.own):
             twist = _velocities(&proof, g, 0)
@@ -1333,12 +1339,7 @@ cdef Outcome prove_curve(
                 twist.angular.x * twist.angular.x + twist.angular.y * twist.angular.y
                 + twist.angular.z * twist.angular.z
             )
-        places += 1
         if fresh:
-            for k in range(memory.suspect_count):
-                if _is_too_near(&proof, memory.suspects[k]):
-                    _suspect(memory, memory.suspects[k])
-                    return Outcome(-1, t, places)
             count = _list_near(&proof, longest)
         found = _half_length(&proof, t, longest, count, fresh)
         half = min(found.reach.before, found.reach.after)
