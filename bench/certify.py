@@ -1,4 +1,4 @@
-"""What the proofs are worth: verdicts against samples, proven peaks of danger, and what certificates cost.
+"""What the proofs are worth: verdicts against samples, and proven peaks of danger.
 
 verdicts   Random edges of up to 1.5 rad on every robot and scene. An edge that is called free is looked at every
            0.001 rad, one that is called blocked must be in collision where it says, both by Pinocchio and coal alone
@@ -6,7 +6,6 @@ verdicts   Random edges of up to 1.5 rad on every robot and scene. An edge that 
 hard       Edges that pass within 5 mm of a contact, looked at every 0.0002 rad.
 danger     Proven peaks of danger of planned and random paths: violations by samples 0.001 rad apart (must be 0), slack
            (target: median 5 % at the default tolerance), field evaluations against those of a profile (target: 2).
-verify     Certificates of planned paths: CPU time of `verify` in relation to planning (target: 20).
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from bench._harness import Report
 from bench._plain import TOLERANCE, PlainGeometry
 from bench._scenes import bookshelf, pillar_of_points, scattered
 from bench.motion import random_edges
-from safe_ompl import CollisionChecker, DangerField, MotionProver, Robot, Scenario, Scene, Verdict, certificate, verify
+from safe_ompl import CollisionChecker, DangerField, MotionProver, Robot, Scenario, Scene, Verdict
 from safe_ompl.common import FloatArray
 from safe_ompl.danger import CertifiedDanger
 from safe_ompl.planning import setup_scenario
@@ -210,38 +209,11 @@ def danger_cells(field: DangerField, paths: list[FloatArray]) -> tuple[object, .
     return (len(paths), violations, *cells, unbounded, float(np.median(asked)), max(asked), float(np.median(times)))
 
 
-# ------------------------------------------------------------------------------------------------------ verify
-
-
-def verifying(options: argparse.Namespace, report: Report) -> int:
-    """Report what it costs to check certificates, in relation to planning."""
-    rows: list[tuple[object, ...]] = []
-    for name, file in list_scenarios().items():
-        setup = setup_scenario(Scenario.load(file))
-        times, holds = [], 0
-        for seed in range(options.paths):
-            clock = [process_time()]
-            path = setup.plan("SafeRRTConnect", seed=seed, time=5.0).path
-            clock.append(process_time())
-            if path is None:
-                continue
-            content = certificate(path, setup.robot, setup.scene, field=setup.field)
-            clock.append(process_time())
-            holds += bool(verify(content, setup.robot, setup.scene).intervals)
-            clock.append(process_time())
-            planned, written, checked = 1e3 * np.diff(clock)
-            times.append((planned, written, checked, checked / max(planned, 1.0)))
-        worst = max(row[-1] for row in times)
-        rows.append((name, f"{holds}/{len(times)}", *np.median(times, axis=0).tolist(), worst))
-    report.table(("scenario", "hold", "plan [ms]", "write", "verify", "verify / plan", "max"), rows)
-    return int(any(len(set(str(row[1]).split("/"))) > 1 for row in rows))
-
-
-PARTS = {"verdicts": verdicts, "hard": hard, "danger": danger, "verify": verifying}
+PARTS = {"verdicts": verdicts, "hard": hard, "danger": danger}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("--edges", type=int, default=5000, help="random edges, over all problems")
     parser.add_argument("--hard", type=int, default=500, help="edges that nearly touch, over all problems")
-    parser.add_argument("--paths", type=int, default=10, help="paths per scenario, for danger and verify")
+    parser.add_argument("--paths", type=int, default=10, help="paths per scenario, for danger")

@@ -1,11 +1,8 @@
-"""Certified motions against sampled ones: time of a free edge, and of a query with margins.
+"""Certified motions against sampled ones: time of a free edge, alone and with others.
 
 Free edges of 1 rad, each checked by `MotionProver` and by samples at most 0.01 rad apart (both with the same
 boolean collision query, in turn, in one process). The target is a ratio of 0.06 on a UR5 with 6 obstacles
 and on a Panda at a bookshelf. Clearance decides: in the first scene of the UR5 one obstacle stands beside the shoulder.
-
-Margins are an argument of every query: what a query costs with the same read-only array as before, with an array of
-the same content, and with other margins each time.
 
 Many free edges are proven one by one, together in one loop, and by two threads that share it. Rates are of the wall
 clock, which other work on the machine lowers; CPU times are of all threads.
@@ -78,26 +75,6 @@ def time_free_edges(name: str, scene_name: str, scene: Scene, number: int, round
     return name, scene_name, *each, certified, sampled, times.ratio("certified", "sampled")
 
 
-def time_margins(name: str, scene_name: str, scene: Scene, number: int, rounds: int) -> tuple[object, ...]:
-    """Return a row of the table of what margins cost as an argument of every query."""
-    robot = Robot.from_example(name)
-    pairs = CollisionChecker(robot, scene).pairs
-    configurations = list(np.random.default_rng(3).uniform(robot.lower, robot.upper, (number, robot.n)))
-    frozen, changing, others = pairs.margins(0.01), pairs.margins(0.01).copy(), pairs.margins(0.01 + 1e-9)
-    times = in_turn(
-        {
-            "same": lambda: [pairs.within_margins(q, frozen) for q in configurations],
-            "equal": lambda: [pairs.within_margins(q, changing) for q in configurations],
-            "other": lambda: [
-                pairs.within_margins(q, others if k % 2 else frozen) for k, q in enumerate(configurations)
-            ],
-        },
-        number,
-        rounds,
-    )
-    return name, scene_name, len(pairs.names), *map(times.microseconds, ("same", "equal", "other"))
-
-
 def together(name: str, scene_name: str, scene: Scene, length: float, number: int) -> tuple[object, ...]:
     """Return a row of the table of many free edges: of some turns of each way to ask, the shortest times."""
     robot = Robot.from_example(name)
@@ -141,13 +118,6 @@ def edges(options: argparse.Namespace, report: Report) -> None:
     report.table(("robot", "scene", *queries, "certified [µs]", "sampled [µs]", "ratio"), rows)
 
 
-def margins(options: argparse.Namespace, report: Report) -> None:
-    """Report times of queries with margins."""
-    rows = [time_margins(*problem, options.edges, options.rounds) for problem in (CLUTTER[0], SHELF)]
-    kinds = ("same array [µs]", "equal margins [µs]", "others each time [µs]")
-    report.table(("robot", "scene", "pairs", *kinds), rows)
-
-
 def many(options: argparse.Namespace, report: Report) -> None:
     """Report how many free edges a second are proven one by one, together, and by two workers."""
     lengths = ((problem, length) for problem in (CLUTTER[0], SHELF) for length in LENGTHS)
@@ -157,4 +127,4 @@ def many(options: argparse.Namespace, report: Report) -> None:
     report.table(("robot", "scene", "length [rad]", *rates, *times), rows)
 
 
-PARTS = {"edges": edges, "margins": margins, "many": many}
+PARTS = {"edges": edges, "many": many}

@@ -9,8 +9,6 @@ time       Clamped cubic splines of ten pieces along planned paths: 7 joints at 
 tubes      Motions that are proven within random tubes: those of the tube that seem to come nearest, and random ones,
            looked at with plain coal calls; and the widest tube that is proven, against one at which a motion touches.
 repair     Planned paths and splines through them, disturbed; and those of MotionBenchMaker's problems in FILE.
-
-`--first 20000` goes on after the first 20000 pieces.
 """
 
 from __future__ import annotations
@@ -156,7 +154,7 @@ def _shifted(piece: Piece, shift: FloatArray) -> Piece:
 
 
 def pieces(options: argparse.Namespace, report: Report) -> int:
-    """Report verdicts on random pieces; piece k is the same whatever the first one is."""
+    """Report verdicts on random pieces."""
     chosen = [
         (name, MotionProver(CollisionChecker(robot, scene)), PlainGeometry(robot, scene))
         for name, robot, scene in problems()
@@ -164,7 +162,7 @@ def pieces(options: argparse.Namespace, report: Report) -> int:
     for _, proof, _ in chosen:  # kernels are compiled before the first piece
         PieceProofs(random_piece(proof.checker.robot, np.random.default_rng(0)).motion, proof)[0].verdict()
     found: dict[str, Counter[str]] = {}
-    for k in range(options.first, options.first + options.number):
+    for k in range(options.number):
         name, proof, plain = chosen[k % len(chosen)]
         rng = np.random.default_rng((options.seed, k))
         if k // len(chosen) % 10:
@@ -187,8 +185,6 @@ def pieces(options: argparse.Namespace, report: Report) -> int:
         counts["contradicted"] += wrong
         if wrong or verdict.verdict is Verdict.UNDECIDED:
             print(f"piece {k} (seed {options.seed}): {kind}, {piece.kind}: {verdict}", flush=True)
-        if (k + 1 - options.first) % 5000 == 0:
-            print(f"{k + 1}: {sum(c['contradicted'] for c in found.values())} contradicted", flush=True)
     near = [counts for kind, counts in found.items() if kind.endswith("near")]
     others = [counts for kind, counts in found.items() if not kind.endswith("near")]
     found["all"], found["all, near"] = (sum(part, Counter()) for part in (others, near))
@@ -439,7 +435,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("file", nargs="?", help="of MotionBenchMaker, for repair")
     parser.add_argument("--number", type=int, default=6000, help="pieces (default: %(default)s)")
-    parser.add_argument("--first", type=int, default=0, metavar="K", help="the first piece")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--splines", type=int, default=100, help="that are timed (default: %(default)s)")
     parser.add_argument("--tubes", type=int, default=1000, help="(default: %(default)s)")

@@ -12,7 +12,7 @@ carried  with nothing given: what is accepted must be true of the robot and the 
 
 `false` counts what is accepted although a sentence is not true, or cannot be read, by a judge that samples
 (`_judge.py`); `crashed` what ends in any error but a refusal in one line. Both must be 0.
-Mutation k of a seed is always the same one: --first goes on where another run ended, or was interrupted.
+Mutation k of a seed is always the same one.
 """
 
 from __future__ import annotations
@@ -461,7 +461,6 @@ def judged(case: Case, content: Any) -> dict[str, str]:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("--number", type=int, default=10_000)
-    parser.add_argument("--first", type=int, default=0, help="the number of the first mutation")
     parser.add_argument("--seed", type=int, default=0)
 
 
@@ -470,16 +469,12 @@ def main(options: argparse.Namespace, report: Report) -> int:
     found: Counter[tuple[str, str, str]] = Counter()
     for case in cases():
         assert judged(case, case.content) == {"given": "true", "carried": "true"}, case.name
-    last = options.first
-    try:
-        for last in range(options.first, options.first + options.number):
-            case = cases()[last % len(cases())]
-            for mode, result in judged(case, mutation(case, options.seed, last)).items():
-                found[case.name, mode, result] += 1
-                if result in ("false", "crashed"):
-                    print(last, case.name, mode, result, flush=True)
-    except KeyboardInterrupt:
-        print(f"interrupted: go on with --first {last}, which may be counted in part")
+    for k in range(options.number):
+        case = cases()[k % len(cases())]
+        for mode, result in judged(case, mutation(case, options.seed, k)).items():
+            found[case.name, mode, result] += 1
+            if result in ("false", "crashed"):
+                print(k, case.name, mode, result, flush=True)
     kinds, modes = ("refused", "true", "false", "crashed"), ("given", "carried")
     names = [case.name for case in cases()]
     rows = [(name, mode, *(found[name, mode, kind] for kind in kinds)) for name in names for mode in modes]

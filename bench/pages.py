@@ -44,7 +44,7 @@ from safe_ompl.collision import bubbles
 from safe_ompl.common import FloatArray
 from safe_ompl.drawing import ViewerContent, read_recording, render_comparison, render_path, save_picture
 from safe_ompl.drawing.drawn_scene import DrawnScene, best_view
-from safe_ompl.drawing.plots import plot_profiles, plot_speeds
+from safe_ompl.drawing.plots import plot_speeds
 from safe_ompl.drawing.viewer import save_page
 from safe_ompl.geometry import STANDING
 from safe_ompl.io import CarriedProblem, MotionRecord
@@ -158,25 +158,6 @@ def scenes() -> None:
     path = np.array([LEFT, LEFT])
     picture = render_path(Robot.from_example("ur5"), scene, path, size=SIZE, ghosts=0)
     save_picture(picture, OUT / "scene.png")
-
-
-def a_start_in_collision() -> None:
-    """Draw a robot that stands in a wall."""
-    robot = Robot.from_example("ur5")
-    scene = Scene((Obstacle("wall", Box((0.1, 1.2, 1.0)), Pose((0.5, 0.0, 0.5))),))
-    start = np.array([0.0, -0.5, 0.5, -1.5, -1.57, 0.0])
-    save_picture(render_path(robot, scene, np.array([start, start]), size=SIZE, ghosts=0), OUT / "collision.png")
-
-
-def profiles() -> None:
-    """Draw the mean danger along the paths of four planners."""
-    scenario = Scenario.load("ur5_handover")
-    setup = setup_scenario(scenario)
-    found = {}
-    for planner in ("SafeRRTConnect", "ClassicRRTConnect", "SafePRM", "ClassicPRM"):
-        runs = [setup.plan(planner, time=5.0, seed=seed) for seed in range(10)]
-        found[planner] = np.array([run.report.danger.profile for run in runs if run])
-    plot_profiles(found, OUT / "profiles.png", title="Mean danger along the path, ur5_handover, 10 runs each")
 
 
 def people_and_time() -> None:
@@ -362,7 +343,7 @@ def save_strip(images: list, words: list, file: Path) -> None:
 PICTURES = {
     draw.__name__: draw
     for draw in (
-        *(own_robot, simplification, danger, free_bubbles, scenes, a_start_in_collision, profiles),
+        *(own_robot, simplification, danger, free_bubbles, scenes),
         *(people_and_time, a_drive, viewer, robots, region, architecture),
     )
 }

@@ -1,4 +1,4 @@
-"""Stops beside people against an adversary that runs at the robot, and what timing them costs.
+"""Stops beside people against an adversary that runs at the robot.
 
 stops      From random instants of trajectories beside a person the robot brakes, while every limb runs straight at the
            nearest link at its speed, from where she was measured before the reaction time. `reached` must be 0. Where
@@ -11,7 +11,6 @@ motions    The same of motions that others made: random splines, as fast as is p
            `reached` must be 0. Of the same splines, faster by some percent and not proven, the share that is reached.
            And the trajectories of `stops` without a limit of the jerk, as polynomials: whether they are proven as they
            are, or 1 % slower.
-time       CPU time of velocity limits and law for panda_shelf, of `time_path`, and of the coarse form for replanning.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
-from bench._harness import Report, in_turn
+from bench._harness import Report
 from bench._plain import fresh_data
 from bench._scenes import ACCELERATIONS
 from bench._touches import Bearable, Gaps, thickness
@@ -356,21 +355,7 @@ def is_reached(problem: Problem, points: FloatArray, duration: float, adversary:
     return any(adversary.stopped(MotionStop(motion, found, begin))[0] <= 0 for begin in begins.tolist())
 
 
-def times(options: argparse.Namespace, report: Report) -> None:
-    """Report how long timing takes."""
-    problem = Problem("panda_shelf", People())
-
-    calls = {
-        "time_path": lambda: problem.timer.time(problem.path),
-        "with 100 cells": lambda: problem.timer.time(problem.path, cells=100),
-        "with 60 cells": lambda: problem.timer.time(problem.path, cells=60),
-    }
-    found = in_turn(calls, 1, 20)
-    rows = [(name, found.microseconds(name) / 1e3, call().duration) for name, call in calls.items()]
-    report.table(("panda_shelf", "CPU time [ms]", "duration [s]"), rows)
-
-
-PARTS = {"stops": stops, "motions": motions, "time": times}
+PARTS = {"stops": stops, "motions": motions}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

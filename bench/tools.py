@@ -20,7 +20,6 @@ proof of which a sample is outside, and an answer "outside" of a motion whose sa
 from __future__ import annotations
 
 import argparse
-import logging
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -70,7 +69,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def curves(options: argparse.Namespace, report: Report) -> int:
     """Solve all problems, and judge the motions."""
-    logging.disable(logging.WARNING)
     rows, broken = list[tuple[object, ...]](), 0
     for kind, number in (("line", options.lines), ("seam", options.seams)):
         results: dict[str, list[_Result]] = {"": [], "z": []}

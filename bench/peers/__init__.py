@@ -10,7 +10,7 @@ Problems whose start or goal touches something, or is outside limits of joints, 
 raises an error has not solved that problem; one whose process ends or hangs is started anew, three times at most.
 Unless --no-repair, every path of another system is proven, or repaired where it cannot be, and judged again. Writes
 the answers of each system with what the judge says (NAME.json); what cannot be installed is listed with the reason.
-VAMP is installed from its sources, in the folder that VAMP_DIR names.
+VAMP is installed from its sources, in the folder that VAMP_DIR names. plainmp needs Boost with `serialization`.
 
 solved       within the limit of time
 contacts     paths that touch something at a sample, 0.0002 rad apart

@@ -39,7 +39,6 @@ def files(tmp_path_factory):
 SMALL = {
     "all": None,  # below
     "certify": "--edges 14 --hard 14 --paths 1 --only verdicts hard danger",
-    "field": "--rounds 2",
     "fresh": None,  # test_a_fresh_machine_has_what_its_row_says
     "hard": "--problems 0:1 --time 1 --families RRTConnect",
     "live": "{files} --sample 1 --places 1 --seconds 0.5 --policies ours,half-speed,alone",
@@ -54,7 +53,6 @@ SMALL = {
     "robots": "{files}/arm.urdf",
     "same": None,  # tests/bench/test_bench_same.py
     "scaling": "--nodes 20 --obstacles 1 2 --cloud 40 --points 1 --joints 2",
-    "setup": "--rounds 1",
     "shield": "{files} --sample 1 --seconds 0.3 --filters shield,none",
     "stops": "--stops 8 --motions 2",
     "timing": "--paths 2 --curves 2",
@@ -164,9 +162,9 @@ def test_every_bench_is_measured_for_the_pages():
 
 
 def test_what_was_measured_of_this_code_is_kept(tmp_path, capsys):
-    one = Measurement("one", 1, True, "field --rounds 1")
+    one = Measurement("one", 1, True, "motion --only edges --edges 2 --rounds 1")
     others = [
-        one._replace(name="two", command="field --no-such-option"),
+        one._replace(name="two", command="motion --no-such-option"),
         one._replace(name="three", command="live DATA"),
     ]
     assert every.measure([one, *others], tmp_path, None) == ["two"]
