@@ -145,7 +145,7 @@ def path_after(before, name, seed):
 
 def in_process(method, *arguments):
     with ProcessPoolExecutor(1, get_context(method)) as pool:
-        return pool.submit(path_after, *arguments).result(60)
+        return pool.submit(path_after, *arguments).result()
 
 
 @pytest.mark.parametrize("name", SAFE)
