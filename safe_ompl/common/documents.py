@@ -463,9 +463,15 @@ class Section:
             }
 
 
-@cache
 def keys_of(cls: type[Any]) -> tuple[Field[Any], ...]:
     """Return the fields of a class that are made by `key`."""
+    # To mypy a class is not hashable, as an argument of a cached function must be.
+    hashable: Any = cls
+    return _keys_of(hashable)
+
+
+@cache
+def _keys_of(cls: Any) -> tuple[Field[Any], ...]:
     return tuple(item for item in fields(cls) if "read" in item.metadata)
 
 
@@ -507,8 +513,8 @@ def _bounded(sort: str, kind: str, above: float | None, at_least: float | None, 
         return f"a {sort} {kind} {lower}".rstrip()
     if not lower:
         return f"a {sort} {kind} <= {at_most:g}"
-    opening, lower = ("(", above) if above is not None else ("[", at_least)
-    return f"a {sort} {kind} in {opening}{lower:g}, {at_most:.10g}]"
+    opening, bound = ("(", above) if above is not None else ("[", at_least)
+    return f"a {sort} {kind} in {opening}{bound:g}, {at_most:.10g}]"
 
 
 def _not_finite(array: FloatArray) -> str:
