@@ -1,4 +1,4 @@
-"""The light in a picture: a soft sky and a key light, as many directions with a shadow map each."""
+"""The light of a picture: a soft sky and a key light, sampled by directions with one shadow map each."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ _FADING = 0.12  # share of its sides
 class Light(NamedTuple):
     """L lights, and their shadow maps on the floor.
 
-    A map holds how high above the floor [m] the highest thing is on the ray of its light that ends in each texel; that
-    shades what is lower by more than a texel.
+    A texel of a map holds the height above the floor [m] of the highest object on the light ray that ends in the texel.
+    Points lower than this by more than a texel are in the shadow.
     """
 
     floor: float  # Its height [m]
@@ -44,7 +44,7 @@ class Light(NamedTuple):
 
     @classmethod
     def around(cls, points: FloatArray, floor: float, key: FloatArray) -> Light:
-        """Return the light on nothing but a floor, with maps that hold shadows of what is around points (P, 3) [m]."""
+        """Return the light on an empty floor, with shadow maps for the region around points (P, 3) [m]."""
         directions = np.vstack([_sky(), _cone(key)])
         shares = [_SKY_SHARE / _SKY_LIGHTS, (1.0 - _SKY_SHARE) / _KEY_LIGHTS]
         points = points if len(points) else np.zeros((1, 3))
@@ -58,7 +58,7 @@ class Light(NamedTuple):
         return cls(floor, low[:2] - reach, texel, slants, lights, maps, np.ones((_MAP, _MAP)))
 
     def behind(self, solid: Surface) -> Light:
-        """Return the light with the shadows of one more solid."""
+        """Return the light with the shadows of an additional solid."""
         coarse = solid.simplified(0.8 * self.texel)
         texels, heights = (coarse.vertices[:, :2] - self.corner) / self.texel, coarse.vertices[:, 2] - self.floor
         maps, owner = self.maps.copy(), np.empty((_MAP, _MAP), dtype=np.int32)
@@ -74,7 +74,7 @@ class Light(NamedTuple):
 
 
 def _sky() -> FloatArray:
-    """Return directions (_SKY_LIGHTS, 3) of an even sky, denser where they light a floor more."""
+    """Return directions (_SKY_LIGHTS, 3) of a uniform sky, distributed by their share of the floor's light."""
     rank = np.arange(_SKY_LIGHTS) + 0.5
     radius, turn = np.sqrt(rank / _SKY_LIGHTS * (1.0 - _LOWEST**2)), rank * np.pi * (3.0 - np.sqrt(5.0))
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1.0 - radius**2)])

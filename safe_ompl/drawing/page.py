@@ -1,4 +1,4 @@
-"""Figures in one style, saved when complete, and checks of the numbers drawn; pyplot is not used."""
+"""Figures with a common style, and checks of the plotted numbers; pyplot is not used."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PLOT_ENDINGS = (".png", ".svg", ".pdf", ".webp")
 
 
 def plot_kind(file: str | Path) -> str:
-    """Return the form that a picture's ending asks for, or raise InputError where it is another one."""
+    """Return the file format for the extension of a picture, or raise InputError for another extension."""
     ending = Path(file).suffix.lower()
     if ending not in PLOT_ENDINGS:
         raise InputError(f"{str(file)!r} must end in {' or '.join(PLOT_ENDINGS)}", "picture")
@@ -33,9 +33,9 @@ def plot_kind(file: str | Path) -> str:
 def page(
     file: str | Path | None, width: float, height: float, dpi: int = DPI, *, arranged: bool = True
 ) -> Iterator[Any]:
-    """Yield a figure of width and height [inch]; once complete it is saved to a file, or only drawn on its canvas.
+    """Yield a figure of width and height [inch]. At the end it is saved to a file, or only drawn on its canvas.
 
-    Matplotlib arranges the axes, or they stand where they are put. Missing folders are made. Raises SafeOmplError if
+    Matplotlib arranges the axes if `arranged`. Missing folders are created. Raises SafeOmplError if
     Matplotlib is not installed.
     """
     try:
@@ -66,7 +66,7 @@ def set_title(figure: Any, title: str) -> None:
 
 
 def curve(values: ArrayLike, kind: str) -> FloatArray:
-    """Return the values along one path as an array (S,) that is not empty."""
+    """Return the values along a path as a non-empty array (S,)."""
     curve = finite_array(values, (None,), kind)
     if not len(curve):
         raise InputError(f"{kind} has no values; give at least one")
@@ -74,7 +74,7 @@ def curve(values: ArrayLike, kind: str) -> FloatArray:
 
 
 def draw_limit(axes: Any, value: float) -> None:
-    """Draw a dashed line at a value that must not be passed."""
+    """Draw a dashed line at a limit."""
     axes.axhline(value, color=ALARM, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
 
 

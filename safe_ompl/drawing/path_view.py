@@ -1,4 +1,4 @@
-"""One path in a view: robot, scene and all that is drawn over them, in a place of its own."""
+"""A path in the viewer: robot and scene, with danger points, distances, speed and labels."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _PEOPLE, _THINGS = (0.80, 0.10, 0.12), (0.10, 0.35, 0.75)
 
 
 class ColouredDangerPoints:
-    """The danger points, coloured by their levels w·CDF(p) up to `most`, and the most dangerous one with its level."""
+    """The danger points, coloured by their danger w·CDF(p) up to `most`. The most dangerous point has a label."""
 
     def __init__(self, view: Any, name: str, field: DangerField, most: float) -> None:
         self._field, self._most = field, most
@@ -40,7 +40,7 @@ class ColouredDangerPoints:
         self._label = view.add_label(f"{name}/most", "", anchor="bottom-left", font_screen_scale=0.9)
 
     def pose(self, q: FloatArray) -> None:
-        """Show the levels at `q: (n,)`."""
+        """Show the danger at `q: (n,)`."""
         levels = self._field.field(q, self._field.points)
         if self._field.weights is not None:
             levels = levels * self._field.weights
@@ -51,7 +51,7 @@ class ColouredDangerPoints:
 
 
 class ClearanceLines:
-    """Segments from the robot to the nearest person, or what else is dangerous, and to the nearest thing."""
+    """Lines from the robot to the nearest dangerous obstacle, such as a person, and to the nearest other obstacle."""
 
     def __init__(self, view: Any, name: str, robot: Robot, scene: Scene) -> None:
         self._checkers = [
@@ -66,12 +66,12 @@ class ClearanceLines:
             self._labels.append(view.add_label(f"{name}/{k}/length", "", **place))
 
     def found(self, q: FloatArray) -> list[Clearance]:
-        """Return the clearances at `q: (n,)` from people and from things, where there are any."""
+        """Return the clearances at `q: (n,)` from dangerous and from other obstacles, if there are any."""
         every = (checker.clearance(q) for checker in self._checkers)
         return [clearance for clearance in every if clearance.obstacle is not None]
 
     def pose(self, q: FloatArray) -> None:
-        """Show where the robot is nearest at `q: (n,)`."""
+        """Show the smallest distances at `q: (n,)`."""
         for checker, line, label in zip(self._checkers, self._lines, self._labels, strict=True):
             found = checker.clearance(q)
             line.visible = label.visible = found.points is not None
@@ -101,7 +101,7 @@ _log = logging.getLogger(__name__)
 class SpeedBoard:
     """The speed of a motion against time, as a picture in the scene, `width` [m] wide, that faces a direction.
 
-    Without Matplotlib there is only the line that says the speed, and no title.
+    Without Matplotlib only a line of text with the speed is shown, without a title.
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class SpeedBoard:
         self.at(0.0)
 
     def at(self, time: float) -> None:
-        """Show how fast it is at a time [s]."""
+        """Show the speed at a time [s]."""
         left, bottom, width, height = AXES
         share = left + width * min(time / self._record.motion.duration, 1.0)
         ends = np.array([self._place(share, bottom), self._place(share, bottom + height)])
@@ -159,7 +159,7 @@ _DETAIL = 0.002  # [m]
 
 
 class RobotFigure:
-    """A robot in a view, which can be posed; translucent with an opacity below 1."""
+    """A robot in the viewer at a configuration; translucent if the opacity is below 1."""
 
     def __init__(self, view: Any, name: str, body: RobotBody, colour: Colour, opacity: float | None = None) -> None:
         self._body = body
@@ -173,7 +173,7 @@ class RobotFigure:
         self._posed: list[pin.SE3] = []
 
     def pose(self, q: FloatArray) -> None:
-        """Bring the robot to `q: (n,)`; links that stay where they are send nothing."""
+        """Move the robot to `q: (n,)`. Only links whose pose changes send data."""
         places = self._body.placements(q)
         for k, (link, place) in enumerate(zip(self._links, places, strict=True)):
             if not self._posed or not place.isApprox(self._posed[k], 1e-8):
@@ -197,7 +197,7 @@ def node_name(name: str) -> str:
 
 
 class MoverFigures:
-    """People and things that move. Limbs keep the length that they have where they are first seen."""
+    """Moving people and objects. Limbs keep the lengths of their first positions."""
 
     def __init__(self, view: Any, name: str, movers: Movers, scene: Scene) -> None:
         self._view, self._name, self._movers = view, name, movers
@@ -217,7 +217,7 @@ class MoverFigures:
         self.at(0.0)
 
     def at(self, time: float) -> None:
-        """Show where all are at a time [s]."""
+        """Show the positions of all at a time [s]."""
         sample = self._movers.sample(time)
         people, places = self._movers.people[sample], self._movers.places_at(time)
         for name, limbs in self.limbs.items():
@@ -249,7 +249,7 @@ _TINT = 0.62
 
 
 class PathView:
-    """A path, or with an empty name a standing robot, with its scene; `samples: (SAMPLES, n)` are equally far apart."""
+    """A path with its scene, or a standing robot if the name is empty. `samples: (SAMPLES, n)` are equally spaced."""
 
     def __init__(
         self, view: Any, number: int, content: ViewerContent, name: str, body: RobotBody, colour: Colour | None
@@ -283,18 +283,18 @@ class PathView:
         return np.asarray(self._content.along(self.name, np.array([share]))[0])
 
     def pose(self, q: FloatArray) -> None:
-        """Show the robot at `q: (n,)`, and what depends on it."""
+        """Show the robot, its danger and its distances at `q: (n,)`."""
         for layer in self._layers:
             layer.pose(q)
 
     def at_time(self, time: float) -> None:
-        """Show what belongs to a time [s] of a motion: how fast the robot is, and where people and things are."""
+        """Show the speed of the robot, and the positions of people and objects, at a time [s] of a motion."""
         for layer in (self.board, self.movers):
             if layer is not None:
                 layer.at(time)
 
     def describe(self, q: FloatArray, share: float | None) -> str:
-        """Return what there is to say of `q: (n,)` in words, as Markdown."""
+        """Describe `q: (n,)` as Markdown."""
         lines = [f"**{self.name or self._content.robot.name}**", *self._content.facts(self.name)]
         field = self._content.danger_field
         if field is not None:
@@ -313,7 +313,7 @@ class PathView:
                 self.label = None
 
     def add_floor(self, drawn: DrawnScene) -> None:
-        """Add the floor of a drawn scene, and a pedestal where the robot would hang in the air."""
+        """Add the floor of a drawn scene, and a pedestal if the robot stands above the floor."""
         _add_meshes(self._view, f"{self.node}/scene/pedestal", drawn.pedestal)
         self._view.add_grid(
             f"{self.node}/scene/floor",
@@ -332,7 +332,7 @@ class PathView:
         )
 
     def _add_way(self, body: RobotBody, colour: Colour) -> None:
-        """Add start, goal, the way of the tip and the name of a path."""
+        """Add start, goal, tip path and name of a path."""
         for name, shown, opacity, q in (
             ("start", START_COLOUR, _START_OPACITY, self.samples[0]),
             ("goal", colour, _GOAL_OPACITY, self.samples[-1]),
@@ -342,7 +342,7 @@ class PathView:
         paint: Any = rgb(colour)
         keypoints = robot.keypoints_batch(self.samples)
         tips = keypoints[:, -1]
-        # Each piece has the colour of what bounds the speed there.
+        # Each piece has the colour of the limit that is active there.
         if record is not None:
             tips, thick = robot.keypoints_batch(record.motion.knots)[:, -1], 0.014
             paints = cap_colours([*record.bounds, *filter(None, record.binding)])

@@ -1,4 +1,4 @@
-"""Pictures of surfaces as a camera sees them, with soft shadows: no noise, no display, no library."""
+"""Render pictures of surfaces with soft shadows, without noise, without a display and without a graphics library."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from safe_ompl.drawing.surfaces import ColouredSurface, Surface
 class Renderer:
     """An endless light floor, at a height [m], under a soft sky; the key light is over the camera's left shoulder.
 
-    What stands `still` in many pictures is drawn once. Then shadows are known `around` points (P, 3) [m], which must be
-    given; else around whatever a picture shows.
+    Things that stand `still` in many pictures are rendered once. Then `around` (P, 3) [m] must be given; shadows
+    are computed in their region, else in the region of the picture's things.
     """
 
     def __init__(
@@ -54,9 +54,9 @@ class Renderer:
     def render_layers(
         self, things: Sequence[ColouredSurface], bodies: Iterable[tuple[Surface, FloatArray]]
     ) -> tuple[FloatArray, list[FloatArray]]:
-        """Return the picture of `render`, and what is seen of translucent bodies among the things.
+        """Return the picture of `render`, and pictures of translucent bodies among the things.
 
-        That is of each body alone the values (V, C) in [0, 1] of its vertices, 0 where it is not seen.
+        The picture of a body shows the values (V, C) in [0, 1] of its vertices, and 0 where the body is hidden.
         """
         moving = Surface.merged(thing.surface for thing in things)
         nearness, faces = self._seen[0].copy(), self._seen[1].copy()
@@ -71,7 +71,7 @@ class Renderer:
         return picture, [self._layer(hidden, *body) for body in bodies]
 
     def _nearest(self, surface: Surface) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        """Return 1/depth of a surface at all subpixels, and which of its triangles they see."""
+        """Return 1/depth of a surface at all subpixels, and the indices of the visible triangles."""
         return nearest_triangles(in_picture(self.camera, surface.vertices, self._fine), surface.faces, *self._fine)
 
     def _light_around(self, points: FloatArray, solid: Surface) -> Light:
@@ -80,7 +80,7 @@ class Renderer:
     def _picture(
         self, solid: Surface, things: Sequence[ColouredSurface], light: Light, faces: NDArray[np.int32]
     ) -> FloatArray:
-        """Return the picture of things, which make one solid of which subpixels see triangles, or -1."""
+        """Shade a solid of all things, given the index of the visible triangle of each subpixel, or -1."""
         owners = np.repeat(np.arange(len(things)), [len(thing.surface.faces) for thing in things])
         paint = np.array([(*linear(np.array(thing.colour)), thing.glossy) for thing in things], dtype=float)
         painted = Painted(solid.vertices, solid.normals, solid.faces, owners, paint.reshape(-1, 4))
@@ -92,7 +92,7 @@ class Renderer:
         return shading.picture(faces.reshape(height, width), self._floor_nearness.reshape(height, width))
 
     def _layer(self, hidden: FloatArray, surface: Surface, values: FloatArray) -> FloatArray:
-        """Return the values (V, C) of a body's vertices where it is nearer than what hides it: (height, width, C)."""
+        """Return an image (height, width, C) of the values (V, C) of a body's vertices, 0 where it is hidden."""
         nearness, faces = self._nearest(surface)
         there = np.flatnonzero(nearness.ravel() > hidden)
         rays, seen = viewing_rays(self.camera, self._fine, there), surface.faces[faces.ravel()[there]]

@@ -37,9 +37,9 @@ _HEIGHT_ABOVE, _TIME_PER_TABLE = 0.1, 10.0  # [m]
 
 
 class CubeGripper:
-    """The gripper of an arm with a tip: which joints close it on a cube, and where the tip is then.
+    """The gripper of an arm with a tip: the joints that close it on a cube, and the pose of the tip then.
 
-    InputError if the arm has none, or none with two fingers that close.
+    Raises InputError if the arm has no gripper with two fingers that close.
     """
 
     def __init__(self, spec: RobotSpec, tip: str) -> None:
@@ -66,7 +66,7 @@ class CubeGripper:
         self._set_grasp()
 
     def _set_fingers(self, wrist: int) -> None:
-        """Find the two fingers that reach farthest, where they point, and in which direction they close."""
+        """Find the two longest fingers, the direction in which they point, and the direction in which they close."""
         data = self._robot.shared.model.createData()
         full = self._robot.pinocchio_configuration(self._posture({}))
         pin.forwardKinematics(self._robot.shared.model, data, full)
@@ -80,7 +80,7 @@ class CubeGripper:
         self._across = _axis(apart - self._ahead * (apart @ self._ahead))
 
     def _set_grasp(self) -> None:
-        """Choose the edge of a cube [m], values of the joints around it, and poses of the tip in its frame."""
+        """Choose the edge of a cube [m], the joint values that hold it, and the poses of the tip in its frame."""
         limits = zip(self._robot.joint_names, self._robot.lower.tolist(), self._robot.upper.tolist(), strict=True)
         ends = {name: (low, high) for name, low, high in limits if name in self.joints}
         ways = [dict(zip(ends, values, strict=True)) for values in product(*ends.values())]
@@ -103,13 +103,13 @@ class CubeGripper:
             self.grasps.append(pin.SE3(turn, -turn @ point))
 
     def _posture(self, values: Mapping[str, float]) -> FloatArray:
-        """Return all joints near zero, but for values of fingers."""
+        """Return a configuration near zero with the given values of the finger joints."""
         robot = self._robot
         still = np.clip(np.zeros(robot.n), robot.lower, robot.upper).tolist()
         return robot.configuration({**dict(zip(robot.joint_names, still, strict=True)), **values})
 
     def _corners(self, values: Mapping[str, float]) -> dict[int, FloatArray]:
-        """Return the corners of each finger (K, 3), seen from the tip [m]."""
+        """Return the corners of each finger (K, 3) in the frame of the tip [m]."""
         q = self._posture(values)
         to_tip, found = self._robot.tip_pose(q).inverse(), dict[int, list[FloatArray]]()
         for root, link, place in zip(self._roots, self._body.links, self._body.placements(q), strict=True):
@@ -119,7 +119,7 @@ class CubeGripper:
         return {root: np.vstack(parts) for root, parts in found.items()}
 
     def _gap(self, values: Mapping[str, float]) -> tuple[float, FloatArray]:
-        """Return how far the ends of both fingers are apart [m], and the point between their ends."""
+        """Return the distance between the ends of both fingers [m], and the point in the middle."""
         corners, ahead, across = self._corners(values), self._ahead, self._across
         pads = [corners[k][corners[k] @ ahead > (corners[k] @ ahead).max() - _PAD] for k in self._pair]
         low, high = float((pads[0] @ across).max()), float((pads[1] @ across).min())
@@ -130,7 +130,7 @@ class CubeGripper:
 
 
 def _axis(direction: FloatArray) -> FloatArray:
-    """Return the axis of the frame that is nearest to a direction."""
+    """Return the axis of the frame with the smallest angle to a direction."""
     k = int(np.abs(direction).argmax())
     return np.asarray(np.sign(direction[k]) * np.eye(3)[k])
 
@@ -138,9 +138,9 @@ def _axis(direction: FloatArray) -> FloatArray:
 def planned(
     spec: RobotSpec, gripper: CubeGripper, about: Mapping[str, Any], shoulder: FloatArray, reach: float, folder: Path
 ) -> tuple[dict[str, Any], ProgramResult]:
-    """Return a scenario `about` a robot and a person, with a program that is solved; SafeOmplError if none is.
+    """Return a scenario `about` a robot and a person with a program that was planned successfully.
 
-    The person stands straight ahead of the `shoulder: (3,)`.
+    The person stands straight ahead of the `shoulder: (3,)`. Raises SafeOmplError if no program could be planned.
     """
     robot, (person,) = Robot(spec), about["scene"]["obstacles"]
     ahead = float(np.arctan2(*np.subtract(person["position"], shoulder)[1::-1]))
@@ -170,7 +170,7 @@ def planned(
 
 
 def _start(robot: Robot, scene: Scene, above: pin.SE3, gripper: CubeGripper) -> dict[str, float] | str:
-    """Return a free configuration with the gripper above a pose, or why there is none."""
+    """Return a free configuration with the gripper above a pose, or the reason why there is none."""
     checker, rng = CollisionChecker(robot, scene), np.random.default_rng(0)
     middle = 0.5 * (np.maximum(robot.lower, -np.pi) + np.minimum(robot.upper, np.pi))
     found = np.vstack([configurations_at(robot, above * grasp, middle, rng) for grasp in gripper.grasps])
@@ -207,7 +207,7 @@ def _rounded(values: FloatArray) -> Any:
 
 
 def block(value: Any, indent: str = "") -> str:
-    """Return plain data as YAML: what fits is on one line."""
+    """Return plain data as YAML; entries that fit into a line are written on one line."""
     line = files.dump_line(value)
     if not isinstance(value, (dict, list)) or (indent and len(indent) + len(line) < _LINE_WIDTH):
         return f" {line}"

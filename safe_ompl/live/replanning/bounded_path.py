@@ -1,6 +1,6 @@
-"""A path in cells, with bounds of speed and braking in each; and time laws of one tick and a stop along the path.
+"""Paths in cells with bounds of speed and braking, and time laws of one tick and a stop along a path.
 
-Without a limit of the jerk s̈ is constant in each piece of a time law. With a limit of the jerk these are pieces of a
+Without a jerk limit s̈ is constant in each piece of a time law. With a jerk limit these are pieces of a
 plan σ(t), and the robot is at
 
     s(t) = 1/w ∫ σ(τ) dτ,  τ from t − w to t,
@@ -47,32 +47,32 @@ from safe_ompl.motions import (
 )
 from safe_ompl.robot import Robot
 
-# The largest cells of paths that are executed, and of estimates.
+# Largest size of the cells of executed paths, and of paths for estimates.
 STEP = 0.02  # [rad]
 _ESTIMATE_CELL = 0.1  # [rad]
 # The reduced speed of ISO 10218.
 RETREAT_SPEED = 0.25  # [m/s]
-# Estimates take people to be no slower than this.
+# In estimates people are assumed to be at least this fast.
 _LEAST_PERSON_SPEED = 0.01  # [m/s]
-# Cells in which people make the robot slower than this share of the full speed are barred.
+# Cells in which people limit the robot to less than this share of the full speed are barred.
 _BARRED = 0.02
-# Estimates look ahead no farther than this.
+# Time horizon of estimates.
 _AHEAD = 1.0  # [s]
-# So many cells at the ends of a path are estimated again in small cells if they are barred.
+# If this number of cells at an end of a path is barred, they are estimated again in small cells.
 _ENDS = 2
-# Errors of distances in estimates, and of margins that are called exact.
+# Largest errors of distances in estimates, and of exact margins.
 _ROUGH_PRECISION = 5e-3  # [m]
 _CLOSE = 1e-4  # [m]
-# Places that are nearer than this are one.
+# Arc lengths closer than this are treated as equal.
 _EQUAL_PLACES = 1e-9  # [rad]
-# Rounding changes a speed by no more than this share.
+# Relative bound of the rounding errors of speeds.
 _NEARLY = 1e-9
-# Caps of trajectories that the replanner derives itself at every tick.
+# Velocity limits of trajectories that the replanner computes itself at every tick.
 _DERIVED = ("joint velocity", "blends beside people", *CONTACT_RULES)
 # Contact is not allowed anywhere.
 _NO_CONTACT: FloatArray = np.zeros((0, 0, 0))
 _NOWHERE: FloatArray = np.zeros((0, 0))
-# Share of the jerk that q‴ṡ³ may take.
+# Share of the jerk limit that q‴ṡ³ may use.
 REPLANNED_CURVE_JERK_SHARE = 0.3
 # Averages over windows of at least this length are not affected by rounding.
 _LEAST_CELL_TIME = 1e-4  # [s]
@@ -98,7 +98,7 @@ class MotionMargin(NamedTuple):
 
     @property
     def description(self) -> str:
-        """Who may come to which link, and how much is missing."""
+        """The person or object that is too near, the link, and the missing distance."""
         if self.link is None or self.who is None:
             return "not everybody was seen yet"
         who, limb = self.who
@@ -111,9 +111,9 @@ class MotionMargin(NamedTuple):
 
 
 class Around(NamedTuple):
-    """Who and what moves around a robot when a motion begins, and what must be left to them."""
+    """The reach sets around a robot at the beginning of a motion, and the distances that must be kept from them."""
 
-    sets: ReachSets  # Where they may be
+    sets: ReachSets
     # How long ago the sets were measured [s], at least 0.
     since: float = 0.0
     # The distance that must remain [m].
@@ -124,7 +124,7 @@ class Around(NamedTuple):
 
 @dataclass(frozen=True)
 class SpeedLimits:
-    """Limits that every path of the replanner keeps, whatever its curve is."""
+    """Limits that hold for every path of the replanner, independent of its curve."""
 
     # Velocities and accelerations of the joints, and jerks if they are limited.
     joints: RateLimits
@@ -166,7 +166,7 @@ class CellFrames(NamedTuple):
 class RobotBodies:
     """The moving bodies of a robot, of `links`, as hulls in the frames of their joints, with balls about them.
 
-    Each is wider by how far it may be from there if joints are elsewhere in a tube of widths (n,), if there is one.
+    With a tube of widths (n,), each body is enlarged by the largest distance that the tube allows.
     """
 
     def __init__(self, robot: Robot, tube: Sequence[float] = ()) -> None:
@@ -203,11 +203,11 @@ class RobotBodies:
 
     @cached_property
     def turning(self) -> BoolArray:
-        """Which moving bodies (G,) only turn, about the axis of the first joint."""
+        """Mask (G,) of the moving bodies that only rotate about the axis of the first joint."""
         return np.asarray((self.hulls.carriers == 0) & ~self.robot.shared.chain.prismatic[0])
 
     def swept(self, body: int, frames: CellFrames, axes: FloatArray) -> FloatArray:
-        """Return how much farther (K,) against `axes: (K, 3)` a turning body comes if it turns by any angle [m]."""
+        """Return by how much (K,) [m] a rotating body may advance against `axes: (K, 3)` at any angle."""
         vertices, turn = self.vertices(body, frames)[0], self._first_axis
         arms = vertices - frames.origins[0, 0]
         along, heights = arms @ turn, axes @ turn
@@ -218,10 +218,10 @@ class RobotBodies:
 
 
 def averaging_window(limits: RateLimits) -> float:
-    """Return the window w [s] with which a joint stops soonest, about; 0 where the jerk is not limited.
+    """Return about the window w [s] with which a joint stops soonest; 0 if the jerk is not limited.
 
-    Of the jerk J a plan may brake with K J w, K the shares. A stop from v takes v/(K J w) + w, and braking with more
-    than the acceleration a is of no use.
+    With the jerk limit J and the shares K, a plan may brake with K J w. A stop from v takes v/(K J w) + w. Braking is
+    also limited by the acceleration a.
     """
     if limits.jerk is None:
         return 0.0
@@ -233,7 +233,7 @@ def averaging_window(limits: RateLimits) -> float:
 class StopLaw(NamedTuple):
     """A motion of one tick along a path, and the stop after it: W pieces of constant acceleration.
 
-    With a `window` [s] they are those of the plan, from so long before the motion on: times are negative there.
+    With a `window` [s] the pieces are those of the plan. They begin a window before the motion, at negative times.
     """
 
     # The cell of the path in which each piece lies (W,).
@@ -266,7 +266,7 @@ class StopLaw(NamedTuple):
         return float(min(place, self.places[k + 1])), float(max(speed + since * acceleration, 0.0)), float(acceleration)
 
     def _plan(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return ∫σ from the first time on, σ and σ̇ (T,) at times."""
+        """Return ∫σ since the first time, σ and σ̇, each (T,), at times (T,)."""
         speeds, spans = np.sqrt(self.squared_speeds), np.diff(self.times)
         areas = np.cumsum(spans * (self.places[:-1] + spans * (2 * speeds[:-1] + speeds[1:]) / 6))
         k = np.clip(np.searchsorted(self.times, at, side="right") - 1, 0, len(spans) - 1)
@@ -278,7 +278,7 @@ class StopLaw(NamedTuple):
         return area + after * self.places[-1], place, np.where(after > 0, 0.0, speeds[k] + since * acceleration)
 
     def past(self, time: float) -> StopLaw:
-        """Return what the plan does in the window before a time, which is 0 in what is returned."""
+        """Return the plan in the window before a time. Times are shifted so that this time is 0."""
         between = (self.times > time - self.window) & (self.times < time)
         times = np.concatenate([[time - self.window], self.times[between], [time]])
         _, (first, last), ends = self._plan(times[[0, -1]])
@@ -293,7 +293,7 @@ class StopLaw(NamedTuple):
         )
 
     def visits(self) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return the cells (V,) in which the robot will be, until when [s], and bounds of ṡ² while it is there."""
+        """Return the cells (V,) that the robot visits, their last times [s], and bounds of ṡ² there."""
         fastest = np.maximum(self.squared_speeds[:-1], self.squared_speeds[1:])
         if not self.window:
             return self.cells, self.times[1:], fastest
@@ -408,7 +408,7 @@ class BoundedPath:
     def motion_from(self, s: float, square: float, share: float, tick: float, past: StopLaw | None = None) -> StopLaw:
         """Return the motion of a tick [s] from (s, ṡ²) and its stop; s̈ is `share`, from −1 to 1, times the `brakes`.
 
-        Where the jerk is limited the plan goes on from its `past` along this path, and accelerates less than it brakes.
+        With a jerk limit the plan continues from its `past` along this path, and accelerates less than it brakes.
         """
         grid = self.edges, self.squared_limits, self.brakes, self.ceiling
         if self.limits.joints.jerk is None:
@@ -431,7 +431,7 @@ class BoundedPath:
         )
 
     def past(self, s: float, speed: float, acceleration: float = 0.0) -> StopLaw:
-        """Return the plan of constant s̈, `acceleration`, that has the robot at s with ṡ; |s̈| is 2 ṡ/w at most."""
+        """Return the plan of constant s̈ = `acceleration` with the robot at s and ṡ; |s̈| is at most 2 ṡ/w."""
         window = averaging_window(self.limits.joints)
         now = max(speed + acceleration * window / 2, 0.0)
         here = s + speed * window / 2 + acceleration * window * window / 12
@@ -450,7 +450,7 @@ class BoundedPath:
         return np.asarray(np.clip(np.searchsorted(self.edges, middles) - 1, 0, len(self.brakes) - 1))
 
     def admits(self, speed: float, acceleration: float = 0.0) -> bool:
-        """Return whether the robot may begin with ṡ and s̈; where the jerk is not limited s̈ is not asked."""
+        """Return whether the robot may begin with ṡ and s̈; s̈ is only used if the jerk is limited."""
         square, here, cells = speed * speed, 0.0, np.zeros(1, dtype=np.intp)
         if self.limits.joints.jerk is not None:
             past = self.past(0.0, speed, acceleration)
@@ -467,7 +467,7 @@ class BoundedPath:
     ) -> MotionMargin:
         """Return the smallest margin along a motion on this path; see `BodyHulls.gaps`.
 
-        An exact margin is right to 0.1 mm; else only its sign is, and a negative margin is the first one that is found.
+        An exact margin has an error below 0.1 mm. Else only the sign is exact; the first negative margin is returned.
         Where contact is allowed, who bears it at the speed of the motion need not be kept from; nor need those from
         whom a body is `receding: (G, M)`, no faster than `RETREAT_SPEED`.
         """
@@ -501,7 +501,7 @@ class BoundedPath:
         return MotionMargin(float(margin), self.bodies.links[body], sets.names[who], rule)
 
     def _borne(self, contact: ContactLimits, at: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest ṡ² (N, G, M) at which limbs bear contact, with and without clamping, in cells (W,)."""
+        """Return the largest ṡ² (N, G, M) at which contact is harmless, with and without clamping, in cells (W,)."""
         if contact not in self.contacts:
             unknown = np.full((len(self.brakes), self.frames.travel.shape[1], len(contact.limbs)), np.nan)
             self.contacts[contact] = unknown, unknown.copy()
@@ -585,7 +585,7 @@ class BoundedPath:
     def _on(
         self, curve: Motion, edges: FloatArray, squared_limits: FloatArray, brakes: FloatArray, frames: CellFrames
     ) -> BoundedPath:
-        """Return a path of the same limits along a curve, whose bounds in cells between the edges are known."""
+        """Return a path with the same limits along a curve, with given bounds in the cells between the edges."""
         return BoundedPath(self.bodies, curve, self.limits, curve.between(edges), squared_limits, brakes, frames)
 
 

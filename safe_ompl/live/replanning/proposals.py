@@ -1,4 +1,4 @@
-"""Proposals of motions, as curves that begin where the robot is, and how fast the robot may follow a curve."""
+"""Proposed motions: curves that begin at the robot's state, and velocity limits along the curves."""
 
 from __future__ import annotations
 
@@ -17,48 +17,46 @@ from safe_ompl.robot import Robot
 _ACCELERATION_SHARE = 0.5
 # Two positions are a jump if a joint needs more than this many times its velocity limit between them.
 _JUMP = 2.0
-# Positions that are taken of a spline are no farther apart; of positions that are denser than this some are left out.
+# Largest time between positions that are sampled from a spline, and smallest time between positions that are used.
 _BETWEEN = 0.05  # [s]
 _DENSE = 0.01  # [s]
 # Positions up to this long after the window shape the spline in the window.
 _AFTER = 0.5  # [s]
-# With less than this left a proposal is over.
+# A proposal with less remaining time than this has ended.
 _OVER = 1e-3  # [s]
 # A change of velocity takes at least this long.
 _LEAST_POINT_INTERVAL = 1e-3  # [s]
 # Damping of the inverse of the Jacobian.
 _DAMPING = 0.05  # [m/rad]
-# So many of the next positions are left out where the robot cannot go through them in its direction.
+# This many of the next positions are left out if the robot cannot pass them in its direction of motion.
 _LEFT_OUT = (0, 2)
 _AT_REST = 1e-9  # [rad/s]
 # Proposed velocities may be at most this many times the limits of the joints, as for positions.
 _FASTEST = 2.0
-# Cosine of the largest angle between how a robot moves and the way to the next position at which a curve may begin
-# faster than the robot is. Such a curve leaves the straight way to that position by at most 4/27 of the sine times its
-# length, 13 %.
+# A curve may begin faster than the robot moves if the cosine of the angle between the robot's motion and the straight
+# line to the next position is at least this. The curve leaves the line by at most 4/27 of the sine times the length of
+# the line, 13 %.
 _ALONG = 0.5
-# Bound of the braking where the joints hardly move.
+# Upper bound of the braking, for curves on which the joints hardly move.
 HARDEST = 100.0  # [1/s²]
-# Lines to brake on are longer by this share than without rounding.
+# Braking lines are lengthened by this share because of rounding errors.
 _ROUNDED = 1e-9
-# The degree of the pieces of a curve, and the time between the ends of cubics that take the place of pieces of a higher
-# degree.
+# The degree of the pieces of a curve, and the duration of the cubics that approximate pieces of a higher degree.
 _CUBIC = 3
 _EXACT = 0.02  # [s]
 # A velocity that jumps by more than this is a corner.
 _CORNER = 1e-4  # [rad/s]
-# With a limit of the jerk: the q‴ that bring a q″ of 1 to 0 within a time of 1, each for a third of that time, and
-# leave no velocity and no way; which share of the jerk they take; and halves of the times that changes of velocity
-# take.
+# With a jerk limit: the three q‴, each for a third of a unit of time, that change q″ from 1 to 0 without changing q and
+# q′; the share of the jerk that they use; and candidates for half the duration of a change of velocity.
 _BUMP: FloatArray = np.array([-5.5, 3.5, -1.0])
 _BUMP_SHARE = 0.15
 _RAMPS: FloatArray = np.geomspace(_LEAST_POINT_INTERVAL, 10.0, 100)  # [s]
-# Knots that are nearer than this are one.
+# Knots closer than this are treated as equal.
 _EQUAL_TIMES = 1e-9  # [s]
 
 
 class Beginning(NamedTuple):
-    """A curve that begins where the robot is, and how fast the robot goes along it there."""
+    """A curve that begins at the robot's configuration, with the path velocity and acceleration there."""
 
     curve: Motion
     speed: float  # ṡ
@@ -66,14 +64,14 @@ class Beginning(NamedTuple):
 
 
 def cubics(knots: FloatArray, derivatives: FloatArray) -> Motion:
-    """Return the path by knots (K + 1,) whose pieces begin with q, q′, q″ and q‴, (K, 4, n)."""
+    """Return the path with knots (K + 1,) from the values (K, 4, n) of q, q′, q″ and q‴ at the begin of each piece."""
     t = np.diff(knots)[:, None]
     factors = np.stack([np.ones_like(t), t, t * t / 2, t * t * t / 6], axis=1)
     return Motion(knots, factors * derivatives, timed=False)
 
 
 def _through(q: FloatArray, velocity: FloatArray, d2: FloatArray, d3: FloatArray, spans: FloatArray) -> Motion:
-    """Return the path from q and q′ (n,) on whose K pieces begin with q″ `d2: (K, n)` and have q‴ `d3: (K, n)`."""
+    """Return the path that begins with q and q′ (n,); its K pieces begin with q″ `d2` and have q‴ `d3`, each (K, n)."""
     t = spans[:, None]
     first = velocity + _sums_before(t * (d2 + t * d3 / 2))
     positions = q + _sums_before(t * (first + t * (d2 / 2 + t * d3 / 6)))
@@ -81,16 +79,16 @@ def _through(q: FloatArray, velocity: FloatArray, d2: FloatArray, d3: FloatArray
 
 
 def _sums_before(steps: FloatArray) -> FloatArray:
-    """Return the sums (K, n) of the steps (K, n) before each."""
+    """Return for each step (K, n) the sum of the steps before it."""
     return np.cumsum(np.vstack([np.zeros_like(steps[:1]), steps[:-1]]), axis=0)
 
 
 def least_brake(limits: RateLimits) -> float:
-    """Return the braking along a curve [1/s²] that is kept free at full speed: a share of what stops any joint."""
+    """Return the path deceleration [1/s²] that is reserved at full speed: a share of what every joint allows."""
     least = float(_ACCELERATION_SHARE * (limits.acceleration / limits.velocity).min())
     if limits.jerk is None:
         return least
-    # Of what plans may brake with (`SmoothLimits`), where joints are as fast as they may be.
+    # The deceleration that plans may use (`SmoothLimits`) when the joints move at their velocity limits.
     bends = 3 * BRAKING * limits.acceleration
     of_plan = (
         BRAKING * (1 - REPLANNED_CURVE_JERK_SHARE) * limits.jerk / (limits.velocity / averaging_window(limits) + bends)
@@ -101,8 +99,8 @@ def least_brake(limits: RateLimits) -> float:
 def proposed_velocity_limit(cells: Cells, limits: RateLimits) -> FloatArray:
     """Return the largest ṡ ≤ 1 (N,) at which the accelerations leave enough for a stop within the window.
 
-    It is |q″|ṡ² ≤ a − b|q′|, b the least braking, or |q″|ṡ² ≤ a/2, whichever allows more: with the latter a/2|q′| is
-    left, and that is no less than b where no joint is faster than its limit.
+    The condition is |q″|ṡ² ≤ a − b|q′|, with the reserved deceleration b, or |q″|ṡ² ≤ a/2, whichever allows more. The
+    second one leaves a/2|q′|, which is at least b if all joints keep their velocity limits.
     """
     room = limits.acceleration - least_brake(limits) * cells.dq_ds
     squares = np.divide(room, cells.d2q_ds2, out=np.full_like(room, np.inf), where=cells.d2q_ds2 > 0)
@@ -112,7 +110,7 @@ def proposed_velocity_limit(cells: Cells, limits: RateLimits) -> FloatArray:
 
 @dataclass(frozen=True)
 class Positions:
-    """Positions (K, n) at times (K,) from its start on [s]; the start is None if it begins with the next command."""
+    """Positions (K, n) at times (K,) [s] since the start; the start is None if they begin with the next command."""
 
     robot: Robot
     limits: RateLimits
@@ -122,7 +120,7 @@ class Positions:
 
     @classmethod
     def of(cls, motion: Any, rate: float | None, start: float | None, robot: Robot, limits: RateLimits) -> Positions:
-        """Return those of a chunk or a motion; see `Shield.propose`."""
+        """Return the positions of a chunk or a motion; see `Shield.propose`."""
         if start is not None:
             start = number("start", start)
         if rate is not None:
@@ -156,14 +154,14 @@ class Positions:
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return float(self.times[-1])
 
     def own_curve(self, motion: Motion) -> Motion:
-        """Return the curve of the motion that these are positions of, from its start at rest on; corners are stops.
+        """Return the curve of the motion through the positions, which begins at rest. The robot stops at corners.
 
-        Cubics are exact; of higher degrees the curve has positions and velocities every 0.02 s. Lines have no
-        velocities: the curve is the spline through the positions, as where the jerk is limited.
+        Cubic motions are reproduced exactly. Motions of a higher degree are sampled every 0.02 s, with velocities. For
+        straight lines, or with a jerk limit, the curve is the spline through the positions.
         """
         motion = motion.for_robot(self.robot)
         if motion.degree <= 1 or self.limits.jerk is not None:
@@ -182,19 +180,19 @@ class Positions:
         return Motion(motion.times - motion.times[0], coefficients, motion.joint_names, timed=False, corners=corners)
 
     def curves(self, begin: float, state: State, window: float) -> Iterator[Beginning]:
-        """Yield curves from a state at `begin` of the proposal on, the nearest to the proposal first.
+        """Yield curves that begin at a state, at the time `begin` of the proposal; the closest to the proposal first.
 
-        They are right for a window [s] at least. A negative `begin` is before its start.
+        The curves are valid for at least a window [s]. A negative `begin` is before the start of the proposal.
 
-        With ṡ = 1 it is in time, if the accelerations suffice. Otherwise, where the robot moves about as proposed, the
-        curve begins as fast as proposed, in the direction in which the robot moves, and ṡ is as much less as the robot
-        is slower. A robot that moves in another direction must brake: such a curve would swing out in that direction as
-        far as proposed speeds take it, and would let the robot accelerate there. Where a curve bends too much, two
-        positions are left out. The last curve is a line on which the robot brakes as hard as it may. A line cannot
-        begin with any acceleration, so where the jerk is limited the robot follows the stop of its last command.
+        With ṡ = 1 the robot follows the proposal in time, if its accelerations suffice. Otherwise, if the robot moves
+        approximately in the proposed direction, the curve begins with the proposed speed in the robot's direction, and
+        ṡ is reduced to the robot's speed. If the robot moves in another direction, it must brake, because such a curve
+        would go far in this direction and accelerate the robot there. If the curvature is too large, two positions are
+        left out. The last curve is a straight line with the hardest braking. A line cannot begin with an acceleration,
+        so with a jerk limit the robot follows the stop of its last command instead.
 
-        With a limit of the jerk the curve begins with the robot's acceleration, too: at first it leaves the spline a
-        little, and where the robot is slower than proposed s̈ has a part in it.
+        With a jerk limit the curve also begins with the robot's acceleration: it leaves the spline at first, and s̈ has
+        a part in the acceleration if the robot is slower than proposed.
         """
         if self.duration - begin < _OVER:
             raise InputError(f"is too late: it ended {begin - self.duration:.3g} s ago", "proposal")
@@ -237,21 +235,21 @@ class Positions:
 
 
 def _accelerations(state: State, rate: float, limits: RateLimits) -> list[float]:
-    """Return the s̈ with which a curve may begin at ṡ = rate: what the robot has in its direction, and 0."""
+    """Return candidates of s̈ at the begin of a curve with ṡ = rate: the robot's along the curve, and 0."""
     if limits.jerk is None:
         return [0.0]
     if rate == 0.0:
         return [0.0] if np.abs(state.qdd).max() < _AT_REST else []
     if rate == 1.0:
         return [0.0]
-    # The largest speed of the time law before averaging.
+    # The largest speed of the time law before the average.
     most = 2 * rate / averaging_window(limits)
     along = float(state.qdd @ state.qd / (state.qd @ state.qd)) * rate
     return [float(np.clip(along, -most, most)), 0.0]
 
 
 def _bent(spline: Motion, d2: FloatArray, rate: float, jerk: FloatArray) -> Motion:
-    """Return a spline that begins with another q″, and so is elsewhere for a while, as the jerk (n,) allows.
+    """Return a spline that is changed so that it begins with another q″, within the jerk limits (n,).
 
     The difference has three pieces of constant q‴, at the end of which the difference, its q′ and its q″ are 0.
     """
@@ -270,7 +268,7 @@ def _bent(spline: Motion, d2: FloatArray, rate: float, jerk: FloatArray) -> Moti
 
 
 def _can_begin(curve: Motion, rate: float, limits: RateLimits) -> bool:
-    """Return whether `proposed_velocity_limit` allows a ṡ where a curve begins."""
+    """Return whether `proposed_velocity_limit` allows ṡ at the begin of a curve."""
     begin, most = curve.places(np.zeros(1)), limits.acceleration
     room = np.maximum(most - least_brake(limits) * np.abs(begin.dq_ds[0]), _ACCELERATION_SHARE * most)
     return bool((np.abs(begin.d2q_ds2[0]) * rate * rate <= room).all())
@@ -285,7 +283,7 @@ def _spline(q: FloatArray, velocity: FloatArray | None, times: FloatArray, point
 
 @dataclass(frozen=True)
 class Velocity:
-    """A velocity of the joints (n,), or a twist of the tip (6,), held for some time [s]."""
+    """A constant joint velocity (n,) or twist of the tip (6,), for a duration [s]."""
 
     robot: Robot
     limits: RateLimits
@@ -327,7 +325,7 @@ class Velocity:
 
 
 class _Ramp(NamedTuple):
-    """A change of velocity: q″ where its pieces begin, their q‴, (K, n) each, and how long they take (K,) [s]."""
+    """A change of velocity: q″ at the begin of its pieces and their q‴, each (K, n), and their durations (K,) [s]."""
 
     second: FloatArray
     third: FloatArray

@@ -1,9 +1,10 @@
-"""Trajectories of other planners, executed on their paths beside people: FollowJointTrajectory without ROS.
+"""Execution of other planners' trajectories beside people: the action FollowJointTrajectory without ROS.
 
-A trajectory is proven whole before it begins, among what stands still, and at every tick its stop beside people
-(`Shield.follow`). Where somebody is in the way the robot stops on the path, and goes on as soon as it may. What stops a
-`LiveController` (joint states that are missing, a clock that jumps, new points of a cloud) stops it on the path, too;
-then the rest of the trajectory is proven anew from where the robot stands, until it can be driven.
+Before the execution the whole trajectory is proven among still obstacles. At every tick its stop beside people is
+proven (`Shield.follow`). If a person is in the way, the robot stops on the path, and continues as soon as this is
+proven. The robot also stops on the path for the faults of a `LiveController` (missing joint states, a clock that jumps,
+new points of a cloud). Then the rest of the trajectory is proven again from the robot's position, until it can be
+executed.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ _BEGINS = 10.0  # [s]
 
 
 class Code(IntEnum):
-    """Values of `error_code` of the action."""
+    """Values of `error_code` in the action's result."""
 
     SUCCESSFUL = 0
     INVALID_GOAL = -1
@@ -45,7 +46,7 @@ class Code(IntEnum):
 
 
 class Outcome(NamedTuple):
-    """How a trajectory ended, and why."""
+    """The result of an execution, and its reason."""
 
     code: Code
     reason: str = ""
@@ -53,7 +54,7 @@ class Outcome(NamedTuple):
 
 
 class GoalError(InputError):
-    """A goal that cannot be taken, and the code that says so."""
+    """Raised for a goal that cannot be executed; has the error code of the action."""
 
     def __init__(self, code: Code, message: str, parameter: str | None = None) -> None:
         super().__init__(message, parameter)
@@ -61,13 +62,13 @@ class GoalError(InputError):
 
 
 class Tolerance(NamedTuple):
-    """How far joints and velocities (n,) may be from what is wanted; infinite: however far."""
+    """Tolerances (n,) of joint positions and velocities; infinite: no tolerance."""
 
     position: FloatArray
     velocity: FloatArray
 
     def missed(self, robot: Robot, away: FloatArray, slower: FloatArray) -> str:
-        """Return which joint is farther than that, and by how much; empty if none is."""
+        """Return a text with the joint that exceeds its tolerance and the error, or an empty text."""
         for what, off, most in (("rad or m", away, self.position), ("rad/s or m/s", slower, self.velocity)):
             k = int((off - most).argmax())
             if off[k] > most[k]:
@@ -77,7 +78,7 @@ class Tolerance(NamedTuple):
 
 @dataclass
 class Execution:
-    """A trajectory to drive: K points at times (K,) [s], what it must keep to, and how far it is."""
+    """A trajectory to execute: K points at times (K,) [s], its tolerances, and the state of the execution."""
 
     times: list[float]
     # Positions, velocities and accelerations, as lists of (n,). The last two may be None.
@@ -85,9 +86,9 @@ class Execution:
     path: Tolerance  # measured from commanded joints
     # The tolerance of the measured joints at the last point.
     end: Tolerance
-    # The time at which it is to begin [s].
+    # The start time [s].
     begin: float = -np.inf
-    # How much longer than the trajectory it may take [s].
+    # The execution may take longer than the trajectory by this [s].
     allowed: float = np.inf
     # The function that gets the outcome.
     report: Callable[[Outcome], Any] = print
@@ -98,14 +99,15 @@ class Execution:
     motion: Motion | None = None
     # The time on the motion up to which commands were sent [s].
     done: float = 0.0
-    # Who gives the commands, and where on the motion the path of these begins [s]; None: it was not proven yet.
+    # The shield that computes the commands, and the time on the motion at which its path begins [s]; None: not proven
+    # yet.
     drive: tuple[Shield, float] | None = None
     # Why the last attempt to execute it failed.
     rejection: str = ""
 
     @classmethod
     def of(cls, goal: Any, robot: Robot, tolerance: float) -> Execution:
-        """Read a goal of the action; `tolerance` [rad or m] holds where it has none. Raises GoalError."""
+        """Read a goal of the action. `tolerance` [rad or m] is used if the goal has none. Raises GoalError."""
         if goal.multi_dof_trajectory.joint_names or goal.component_path_tolerance or goal.component_goal_tolerance:
             raise GoalError(Code.INVALID_JOINTS, "has multi-DOF joints, which are not supported", "goal")
         given, points = goal.trajectory, goal.trajectory.points
@@ -134,16 +136,16 @@ class Execution:
 
     @property
     def duration(self) -> float:
-        """How long it takes where nothing slows it [s]."""
+        """Duration without slowing [s]."""
         return self.times[-1]
 
     @property
     def arrived(self) -> bool:
-        """Whether the robot was told to go to its end."""
+        """Whether commands up to the end were sent."""
         return self.done >= self.duration - _EQUAL_JOINT_VALUES
 
     def drive_with(self, shield: Shield, start: FloatArray, tolerance: float) -> None:
-        """Let a shield execute the rest, from where the robot stands; raise SafeOmplError if it is not proven."""
+        """Let a shield execute the rest from the robot's position. Raises SafeOmplError if the rest is not proven."""
         try:
             shield.start(start)
             motion = self._from(start, shield.robot) if self.motion is None else self.motion
@@ -154,7 +156,7 @@ class Execution:
         self.motion, self.rejection = motion, ""
 
     def _from(self, start: FloatArray, robot: Robot) -> Motion:
-        """Return the motion that a controller makes of the points; if they begin later, from where the robot stands."""
+        """Return the motion through the points; if they begin after 0 s, the motion begins at the robot's position."""
         times, rows = self.times, self.rows
         if times[0] > 0:
             here = rows[0][0] - robot.difference(start, rows[0][0])
@@ -188,7 +190,7 @@ def _tolerance(given: Any, what: str, robot: Robot, usual: float) -> Tolerance:
 
 
 class TrajectoryGuard:
-    """Drives trajectories with a `LiveController`, of which it calls `tick`, and reports how each of them ended.
+    """Executes trajectories with a `LiveController`, calls its `tick`, and reports the result of each trajectory.
 
     The cell of the controller plans with `Execution.drive_with`.
     """
@@ -201,7 +203,7 @@ class TrajectoryGuard:
         self._tried = -np.inf
 
     def take(self, execution: Execution) -> None:
-        """Drive a trajectory, once the robot stands; one that it is driving is aborted, and it stops on that first."""
+        """Execute a trajectory as soon as the robot stands. A running trajectory is aborted with a stop on its path."""
         execution.taken = now = self._clock()
         late = now - execution.begin - execution.duration
         if 0 < late < np.inf:
@@ -213,7 +215,7 @@ class TrajectoryGuard:
         self.controller.pursue(None, "a new trajectory")
 
     def cancel(self) -> None:
-        """Stop on the path; once the robot stands the trajectory is reported as cancelled."""
+        """Stop on the path. The trajectory is reported as cancelled when the robot stands."""
         self._end(Outcome(Code.SUCCESSFUL, "cancelled", cancelled=True))
 
     def _end(self, outcome: Outcome) -> None:
@@ -229,7 +231,7 @@ class TrajectoryGuard:
     # ----------------------------------------------------------------------------------------------------- ticks
 
     def tick(self) -> dict[str, Any]:
-        """Go on to now, as `LiveController.tick`, and see what has become of the trajectory."""
+        """Compute a tick, as `LiveController.tick`, and update the state of the trajectory."""
         execution, controller = self.execution, self.controller
         idle = controller.goal is None and not controller.driving and self._ending is None
         if execution is not None and idle and not execution.arrived:
@@ -243,7 +245,7 @@ class TrajectoryGuard:
         return tick
 
     def _look(self, execution: Execution, now: float, reason: str) -> None:
-        """Say how far a trajectory is; end it if it has arrived, failed, or takes too long."""
+        """Report the progress of a trajectory. End it if it has arrived, failed, or takes too long."""
         controller, command, drive = self.controller, self.controller.command, execution.drive
         driven = drive is not None and controller.commanded_by is drive[0]
         if driven and command is not None:
@@ -269,7 +271,7 @@ class TrajectoryGuard:
             self._end(Outcome(Code.GOAL_TOLERANCE_VIOLATED, late))
 
     def _compare(self, execution: Execution, now: float) -> None:
-        """Report that the robot is at the end, or that it is not."""
+        """Report whether the robot is at the end of the trajectory."""
         controller, command = self.controller, self.controller.command
         if controller.goal is not None:
             controller.pursue(None, "at the end")
@@ -285,7 +287,7 @@ class TrajectoryGuard:
             self._report(Outcome(Code.GOAL_TOLERANCE_VIOLATED, missed))
 
     def progress(self) -> tuple[float, FloatArray, FloatArray] | None:
-        """Return where on its trajectory the robot is now [s], and joints and velocities (n,) that it should have."""
+        """Return the present time on the trajectory [s], and the desired joint values and velocities (n,)."""
         execution, command = self.execution, self.controller.command
         if execution is None or execution.drive is None or command is None:
             return None

@@ -3,8 +3,8 @@
 A log has, for every tick, on
 
 * ``/tick`` the tick itself, as in ``ticks.jsonl`` (JSON);
-* ``/joint_states`` (sensor_msgs/JointState) where the robot is, and ``/command`` (trajectory_msgs/JointTrajectory) what
-  it does from then on until it stands;
+* ``/joint_states`` (sensor_msgs/JointState) the state of the robot, and ``/command`` (trajectory_msgs/JointTrajectory)
+  the command until the robot stands;
 * ``/people`` (visualization_msgs/MarkerArray) key points: the namespace is the person, the text the key point;
 * ``/diagnostics`` (diagnostic_msgs/DiagnosticArray) state, reason, distances and margins.
 
@@ -52,7 +52,7 @@ _TOPICS = {
 
 
 class McapLog:
-    """A log of ticks with their header (see `safe_ompl.io.ticks`); it can be opened, cut short, once it is closed."""
+    """A log of ticks with a header (`safe_ompl.io.ticks`). It can be read after an interruption, if it was closed."""
 
     def __init__(self, file: str | Path, header: Mapping[str, Any]) -> None:
         self._names, self._name = header["joint_names"], header["robot"]["name"]
@@ -87,14 +87,14 @@ class McapLog:
         self._writer.add_message(self._channels[topic], time, data, time)
 
     def close(self) -> None:
-        """Write the rest and the index, and close the file."""
+        """Write the remaining data and the index, and close the file."""
         self._writer.finish()
         self._stream.close()
 
 
 @contextmanager
 def reading(file: str | Path) -> Iterator[None]:
-    """Turn what readers raise of a broken file into one InputError that names it; only readers may be called inside."""
+    """Convert the exceptions of readers for a broken file to an InputError. Only readers may be called inside."""
     try:
         yield
     except OSError as error:
@@ -107,7 +107,7 @@ def reading(file: str | Path) -> Iterator[None]:
 
 
 def read_log(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the header and the ticks of a log; raise InputError if it cannot be read, is broken, or holds no ticks."""
+    """Return header and ticks of a log. Raises InputError if the log cannot be read, is broken, or has no ticks."""
     with reading(file), Path(file).open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         headers = [json.loads(part.data) for part in reader.iter_attachments() if part.name == HEADER]
@@ -125,7 +125,7 @@ Rows = list[tuple[int, dict[str, float]]]  # [ns], values by name
 
 
 class Bag:
-    """A recording: the types of its `topics`; raises InputError if it cannot be read or is broken."""
+    """A recording with the types of its `topics`. Raises InputError if it cannot be read or is broken."""
 
     def __init__(self, file: str | Path) -> None:
         self.file = str(file)
@@ -133,12 +133,12 @@ class Bag:
             self.topics = topics
 
     def read(self, topic: str) -> list[tuple[int, Any]]:
-        """Return all messages of a topic, and when they were recorded [ns]; raises InputError if one is broken."""
+        """Return all messages of a topic and their recording times [ns]. Raises InputError if a message is broken."""
         with reading(self.file), _opened(Path(self.file)) as (_, read):
             return list(read(topic))
 
     def topic(self, given: str | None, kinds: Collection[str], option: str) -> str:
-        """Return the topic that is given, or the only one of some types; raise InputError if there is none."""
+        """Return the given topic, or the only topic of the types. Raises InputError if there is none or several."""
         fit = sorted(topic for topic, kind in self.topics.items() if kind in kinds)
         if given is None:
             if len(fit) != 1:
@@ -154,7 +154,7 @@ class Bag:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[dict[str, str], Callable[[str], Iterator[tuple[int, Any]]]]]:
-    """Yield topics with their types, and what reads one."""
+    """Yield the topics with their types, and a function that reads a topic."""
     if path.suffix.lower() != ".mcap" or path.is_dir():
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
             yield {each.topic: each.msgtype for each in bag.connections}, partial(_bag_messages, bag)
@@ -190,11 +190,11 @@ def _stamp(header: Any, recorded: int) -> int:
 def read_joint_log(
     file: str | Path, commanded: str | None = None, measured: str | None = None
 ) -> tuple[Motion, Motion]:
-    """Return the commanded and the measured motion of a recording; between samples they are straight.
+    """Return the commanded and the measured motion of a recording, interpolated linearly between samples.
 
-    By default they are of the only `JointTrajectoryControllerState`, if there is one, else of the only
-    `JointTrajectory` and the only `JointState`. Raises InputError if the recording cannot be read, or what is needed is
-    not there, or there are several to choose from.
+    By default the topics are the only `JointTrajectoryControllerState`, if there is one, else the only
+    `JointTrajectory` and the only `JointState`. Raises InputError if the recording cannot be read, or if a topic is
+    missing or ambiguous.
     """
     bag = Bag(file)
     states = [topic for topic, kind in bag.topics.items() if kind == _CONTROLLER_STATE]
@@ -212,7 +212,7 @@ def read_joint_log(
 
 
 def _rows(bag: Bag, topic: str, keys: Sequence[str]) -> Rows:
-    """Return the samples of a topic in the order of their times; of a controller's state what one of the keys names."""
+    """Return the samples of a topic in the order of their times. `keys`: the fields of a controller's state to use."""
     kind = bag.topics[topic]
     rows: Rows = []
     found = [(_stamp(message.header, time), message) for time, message in bag.read(topic)]
@@ -240,7 +240,7 @@ def _by_name(names: Sequence[str], values: FloatArray, topic: str) -> dict[str, 
 
 
 def _motion(rows: Rows, names: tuple[str, ...], begin: int) -> Motion:
-    """Return the samples of some joints as a motion; those of other joints alone are left out."""
+    """Return the samples of the named joints as a motion. Samples without these joints are left out."""
     own = [(time, values) for time, values in rows if any(name in values for name in names)]
     for time, values in own:
         missing = [name for name in names if name not in values]

@@ -34,51 +34,51 @@ _GAIN_SHARE = 0.2
 class BubblePlanner(SafePlanner):
     """Two volume trees of bubbles, from start and goal, grown by A* until they intersect (BUBBLE_PLANNER).
 
-    One distance query at a configuration gives a whole bubble of free configurations around it. Its end points
-    wait in Open; the next one to be closed minimises f = g + h + α·CDF, eq. (10) without its diversity. No edge needs a
-    check: it lies within a bubble. The planner is deterministic.
+    One distance query at a configuration gives a bubble of free configurations around the configuration. The end points
+    of the bubble are added to the list Open. The point of Open with the least f = g + h + α·CDF, eq. (10) without the
+    diversity, is expanded next. Edges need no check, because they lie within a bubble. The planner is deterministic.
 
     Parameters
     ----------
     range : float >= 0, default 0.0 [rad]
-        What `slide` is measured in; 0 takes 7.5 % of the space's extent.
+        Unit of `slide`; 0 takes 7.5 % of the space's extent.
     alpha : float >= 0, default 0.8
         Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations. With α = 0 the search is the
         classical one.
     nearest_fraction : float >= 0, <= 1, default 1 / 3
-        ε: share of the turns that ignore danger, so that no passage stays closed because it is dangerous.
+        ε: share of the iterations that ignore danger, so that dangerous passages are searched, too.
     danger_decay : float >= 0, default 500.0
-        Number of turns after which danger counts half; after three times as many it counts next to nothing, so that it
-        cannot keep the planner out of a narrow place. 0 for no decay.
+        Number of iterations after which danger counts half. After three times as many it hardly counts, so that it
+        cannot keep the planner out of a narrow passage. 0 for no decay.
     slide : float >= 0, <= 1, default 0.8
-        Largest sideways motion of the middle of an edge, as a fraction of the range; 0 drives straight edges as in the
-        paper. Edges of the path that are longer than twice the range move down the gradient of the danger in their
-        middle, where both halves stay free; so do the halves. It acts where α > 0 and the objective offers gradients
-        (`DangerObjective` does).
+        Largest sideways motion of the middle of an edge, as a fraction of the range; 0 gives straight edges as in the
+        paper. If an edge of the path is longer than twice the range, its middle moves down the gradient of the danger,
+        unless one of the halves would not be free. The same holds for the halves. Used only if α > 0 and the objective
+        has gradients (as `DangerObjective`).
     clearance : float >= 0, default 0.05 [m]
-        Margin from all obstacles, dangerous or not. Points nearer than this wait with a penalty of 0.5 m on their
-        cost-to-go, and the contracted path keeps it. It is no more than 80 % of what start and goal keep; for points it
-        falls to 60 % after every twelve of them, or every 48 where nothing is dangerous, and ends below 20 mm. It acts
-        where α > 0, in turns that do not ignore danger, and needs a `CertifiedMotionValidator`. 0 for none.
+        Margin from all obstacles, dangerous or not. Points nearer than the margin get a penalty of 0.5 m on their
+        cost-to-go, and the contracted path keeps the margin. The margin is at most 80 % of the clearance of start and
+        goal. For points it falls to 60 % after every twelve penalised points, or every 48 if nothing is dangerous, and
+        ends below 20 mm. It is used only if α > 0, in iterations that do not ignore danger, and needs a
+        `CertifiedMotionValidator`. 0 for none.
 
     Notes
     -----
-    The bubbles take in the robot's own pairs, and the radii at their centres (`docs/how-it-works.md` §3).
+    The bubbles include self-collision pairs, and use the motion bounds at their centres (`docs/how-it-works.md` §3).
 
-    The planner as it is printed in [1] is `PaperSafeBubble`, and with α = 0 `PaperBubble`. What differs here, and why:
+    `PaperSafeBubble` is the planner as printed in [1], with α = 0 `PaperBubble`. This planner differs as follows:
 
-    * bubbles of links, clipped by how far an obstacle is from the joint's axis: fewer of them;
-    * f is in metres, joints by how far they move the arm, danger by its usual slope and on a logarithmic scale: one set
-      of parameters serves all robots and scenes;
-    * a bubble also has an end point where the way to the current goal leaves it, and a tree goes on while it comes
-      nearer to that goal, then towards a next place of Halton's sequence: far fewer bubbles;
-    * the path is contracted like an elastic band [3] where neither the peak of the danger nor its integral rises, and
-      descends sideways (`slide`): shorter and less dangerous;
-    * a share of the turns ignores danger (`nearest_fraction`), and danger loses weight (`danger_decay`): no passage
-      stays closed;
-    * points near obstacles are penalised (`clearance`): obstacles that are not dangerous are not grazed, either, and no
-      way is closed;
-    * points below a clearance of 1 mm are left out: no bubbles creep along a surface.
+    * Each link has a bubble, limited by the distance of the obstacle from the joint's axis. Fewer bubbles are needed.
+    * f is in metres: joint motions are weighted by how far they move the arm, the danger by its typical slope and on a
+      logarithmic scale. One set of parameters serves all robots and scenes.
+    * A bubble also has an end point where the straight motion to the current goal leaves the bubble. A tree grows while
+      it comes nearer to that goal, then towards the next point of a Halton sequence. Far fewer bubbles are needed.
+    * The path is contracted like an elastic band [3] as long as neither peak nor integral of the danger rises, and
+      moves sideways (`slide`). The path is shorter and less dangerous.
+    * A share of the iterations ignores danger (`nearest_fraction`), and danger loses weight (`danger_decay`). No
+      passage stays closed.
+    * Points near obstacles are penalised (`clearance`). The path also keeps away from obstacles that are not dangerous.
+    * Points with a clearance below 1 mm are left out, because their bubbles are too small to make progress.
 
     References
     ----------
@@ -138,7 +138,7 @@ class BubblePlanner(SafePlanner):
         return None
 
     def _expand(self, tree: VolumeTree, other: VolumeTree, goal: FloatArray, ptc: Any) -> FloatArray | None:
-        """Close the most promising point of Open(1), again and again as long as the tree comes nearer to the goal."""
+        """Expand the point of Open(1) with the least f, repeatedly, while the tree comes nearer to the goal."""
         left, best = None, 0.0
         while len(tree.open) and not ptc():
             x = tree.take(int(self._f(tree, goal).argmin()))
@@ -169,7 +169,7 @@ class BubblePlanner(SafePlanner):
         return None
 
     def _f(self, tree: VolumeTree, goal: FloatArray) -> FloatArray:
-        """Return f = g + h + α·CDF, eq. (10) without its diversity, for the points in Open."""
+        """Return f = g + h + α·CDF, eq. (10) without the diversity, for the points in Open."""
         rows = tree.open
         f = self._metric.lengths(rows["q"], goal)
         f += _PATH_SHARE * rows["path_length"]
@@ -178,7 +178,7 @@ class BubblePlanner(SafePlanner):
         return f
 
     def _bubble_endpoints(self, bubble: Bubble, goal: FloatArray) -> FloatArray:
-        """BUBBLE_ENDPOINTS: the vertices (K, n), and the point where the way to the goal leaves the bubble."""
+        """BUBBLE_ENDPOINTS: the vertices (K, n), and the point where the motion to the goal leaves the bubble."""
         points = bubble.vertices(self._bridge.lower, self._bridge.upper, self._bridge.circular)
         points = np.vstack([points, bubble.exit(self._bridge.difference(bubble.q, goal))])
         points = self._bridge.inside(points)
@@ -187,19 +187,22 @@ class BubblePlanner(SafePlanner):
     # ------------------------------------------------------------------------------------------ the searching
 
     def _headings(self, other: VolumeTree) -> Iterator[FloatArray]:
-        """Yield what a tree heads for in its turn: what the other tree closed last, and a place out of dead ends."""
+        """Yield the goals of a tree in an iteration: the last bubble of the other tree, and a Halton point.
+
+        The Halton point leads out of dead ends.
+        """
         yield other.latest
         self._places += 1
         yield self._bridge.between_bounds(halton_point(self._places, self._bridge.n))
 
     @property
     def _ignores_danger(self) -> bool:
-        """Whether this turn, of start and goal tree one after the other, is one of those that ignore danger."""
+        """Whether this iteration ignores danger; start tree and goal tree take turns."""
         turn = self._turns // 2
         return int((turn + 1) * self.nearest_fraction) > int(turn * self.nearest_fraction)
 
     def _danger_term(self, points: FloatArray) -> FloatArray:
-        """Return the danger (K,) of points as lengths [m], by its usual slope and on a logarithmic scale."""
+        """Return the danger (K,) of points as lengths [m], scaled by its typical slope and logarithmic."""
         cost = self._problem.cost
         if not (self.alpha and cost.usual_value > 0 and self._danger.slope > 0):
             return np.zeros(len(points))
@@ -222,7 +225,7 @@ class BubblePlanner(SafePlanner):
 
 
 class Rows:
-    """Columns of numbers and vectors that grow together, row by row; each has a type, and a shape of its entries."""
+    """A growing table. Each column has a dtype and a shape of its entries."""
 
     def __init__(self, **columns: tuple[type, tuple[int, ...]]) -> None:
         self._columns: dict[str, Any] = {
@@ -238,7 +241,7 @@ class Rows:
         return self._columns[name][: self._size]
 
     def extend(self, number: int, **values: Any) -> None:
-        """Append `number` rows; a value is one for all of them, or one for each."""
+        """Append `number` rows. A value is given for each row, or once for all rows."""
         end = self._size + number
         for name, column in self._columns.items():
             if end > len(column):
@@ -247,20 +250,20 @@ class Rows:
         self._size = end
 
     def remove(self, row: int) -> None:
-        """Remove a row; the last one takes its place."""
+        """Remove a row; the last row takes its index."""
         self._size -= 1
         for column in self._columns.values():
             column[row] = column[self._size]
 
     def keep(self, rows: IntArray) -> None:
-        """Remove all rows but these."""
+        """Keep only these rows."""
         for column in self._columns.values():
             column[: len(rows)] = column[rows]
         self._size = len(rows)
 
 
 class JointMetric:
-    """Distances in f, eq. (10): `rates: (n,)` per unit of each coordinate; g and h in the 1-norm if `taxicab`."""
+    """Distances in f, eq. (10), with a weight per coordinate, `rates: (n,)`; 1-norm for g and h if `taxicab`."""
 
     def __init__(self, bridge: StateBridge, rates: FloatArray, *, taxicab: bool) -> None:
         self._bridge, self._rates, self._taxicab = bridge, rates, taxicab
@@ -278,9 +281,9 @@ class JointMetric:
 
 
 class EndPoint(NamedTuple):
-    """An entry of an Open list: `parent` is the closed bubble that it is in, `path_length` is g, from the root.
+    """An entry of Open. `parent` is the index of the closed bubble; `path_length` is g, the path length from the root.
 
-    `diversity` is its distance from the nearest closed configuration, `penalty` is added as it is near to obstacles.
+    `diversity` is the distance from the nearest closed configuration, `penalty` the penalty of points near obstacles.
     """
 
     q: FloatArray
@@ -292,7 +295,7 @@ class EndPoint(NamedTuple):
 
 
 class VolumeTree:
-    """The lists Closed (bubbles) and Open (end points) of one search direction; `diverse` ones know the diversity."""
+    """The lists Closed (bubbles) and Open (end points) of one search direction; `diverse`: compute the diversity."""
 
     def __init__(self, bridge: StateBridge, metric: JointMetric, *, from_start: bool, diverse: bool) -> None:
         self.from_start, self._metric, self._diverse = from_start, metric, diverse
@@ -306,7 +309,7 @@ class VolumeTree:
         return len(self.closed) + len(self.open)
 
     def add_root(self, q: FloatArray) -> None:
-        """Open a start or goal configuration (n,)."""
+        """Add a start or goal configuration (n,) to Open."""
         self.open.extend(1, q=q, parent=ROOT, path_length=0.0, cost=0.0, diversity=0.0, penalty=0.0)
 
     @property
@@ -355,13 +358,13 @@ class VolumeTree:
         return branch(self.closed["parent"], node)
 
     def nodes(self) -> tuple[FloatArray, IntArray]:
-        """Return the closed configurations (N, n) and roots not yet closed, with the index of each one's parent."""
+        """Return the closed configurations and the roots in Open (N, n), and the indices (N,) of their parents."""
         roots = self.open["q"][self.open["parent"] == ROOT]
         parents = np.concatenate([self.closed["parent"], np.full(len(roots), ROOT)])
         return np.vstack([self.closed["center"], roots]), parents
 
     def cut(self, node: int) -> None:
-        """Take a bubble out of the search, and all that has grown from it."""
+        """Remove a bubble and its descendants from the search."""
         alive, parents = self.closed["alive"], self.closed["parent"]
         alive[node] = False
         for later in range(node + 1, len(self.closed)):
@@ -371,14 +374,15 @@ class VolumeTree:
 
 
 def volume_trees(bridge: StateBridge, metric: JointMetric, *, diverse: bool) -> TwoTrees[VolumeTree]:
-    """Return the volume trees of both directions, still empty."""
+    """Return empty volume trees of both directions."""
     return TwoTrees(*(VolumeTree(bridge, metric, from_start=side, diverse=diverse) for side in (True, False)))
 
 
 def intersect(problem: PlanningProblem, tree: VolumeTree, new: int, other: VolumeTree) -> FloatArray | None:
-    """INTERSECT and PATH: return the path (N, n) through a new bubble and that of the other tree that it overlaps most.
+    """INTERSECT and PATH: return the path (N, n) through a new bubble and the other tree's bubble of largest overlap.
 
-    The motion validator may know more than bubbles do: what it refuses is cut off the trees, and there is no path.
+    The motion validator may have more constraints than the bubbles. If it refuses an edge, the branch behind the edge
+    is removed from its tree, and None is returned.
     """
     if not len(other.closed):
         return None
@@ -407,14 +411,14 @@ def intersect(problem: PlanningProblem, tree: VolumeTree, new: int, other: Volum
 
 
 def free_part(problem: PlanningProblem, path: FloatArray) -> FloatArray:
-    """Return a path (N, n) of bubbles as far as the motion validator, which may know more than these, lets it."""
+    """Return the part of a path (N, n) before the first edge that the motion validator refuses."""
     path = problem.bridge.wrapped(path)
     free = takewhile(lambda ends: problem.motion_is_free(*ends), pairwise(path))
     return np.vstack([path[:1], *(end for _, end in free)])
 
 
 def bubble_validity(si: Any, name: str) -> CollisionFreeValidity:
-    """Return the state validity checker, which gives the distances of bubbles; raise InputError if it does not."""
+    """Return the state validity checker. Raises InputError if it is no `CollisionFreeValidity` with distances."""
     validity = si.getStateValidityChecker()
     if not isinstance(validity, CollisionFreeValidity):
         raise InputError(

@@ -37,68 +37,69 @@ _SAME_SLOPE = 4
 
 
 class SafeJTRRT(SafePlanner):
-    """One tree from the start that grows towards a place of the tip, a goal in the workspace (SAFE_JT-RRT).
+    """A tree from the start that grows towards a target pose of the tip (SAFE_JT-RRT).
 
-    Some extensions go towards a random configuration, as in SafeRRTConnect. The others start from a safe node
-    near the goal and follow the pseudoinverse of the arm's Jacobian, which brings the tip straight there;
-    the freedom that this leaves to the arm, its null space, turns the links away from danger. The goal must be a
-    `WorkspaceGoal`; no inverse kinematics is needed.
+    Some extensions go towards a random configuration, as in SafeRRTConnect. The others start from a safe node near the
+    goal and use the pseudoinverse of the arm's Jacobian, so that the tip moves straight to the goal. Motions in the
+    null space of the Jacobian move the links away from danger. The goal must be a `WorkspaceGoal`. No inverse
+    kinematics is needed.
 
     Parameters
     ----------
     range : float >= 0, default 0.0 [rad]
-        Largest length of one random extension, before it moves sideways; 0 takes 7.5 % of the space's extent.
+        Largest length of one random extension, before the sideways motion; 0 takes 7.5 % of the space's extent.
     alpha : float >= 0, default 1.0
-        Weight of danger α, as for `SafeRRTConnect`. It also weighs the danger in the choice of the node from which to
-        go to the goal; there the distance is the tip's, and a radian counts as many metres as it typically moves the
-        tip (`TargetPose.lever_arm`). 0 plans classically.
+        Weight of danger α, as for `SafeRRTConnect`. It also weights the danger in the choice of the start node of an
+        extension towards the goal. There the distance is that of the tip, and joint motion is converted to metres by
+        the typical lever arm (`TargetPose.lever_arm`). 0 plans classically.
     nearest_fraction : float >= 0, <= 1, default 0.1
-        ε: share of the choices of a node by distance alone, of random extensions. Any ε > 0 keeps the planner
-        probabilistically complete: a node in a dangerous passage would otherwise never be chosen again.
+        ε: share of the random extensions that start at the nearest node, regardless of danger. Any ε > 0 keeps the
+        planner probabilistically complete: a node in a dangerous passage would otherwise never be chosen again.
     slide : float >= 0, <= 1, default 0.8
         Largest sideways motion of a new node down the gradient of the danger, as a fraction of the range; 0 gives the
-        paper's straight extension. It acts where α > 0 and the objective offers gradients (`DangerObjective` does).
+        paper's straight extension. Used only if α > 0 and the objective has gradients (as `DangerObjective`).
     threshold_rise : float >= 0, default 0.05
-        No node is added that is more dangerous than its parent and than a threshold. This is at first the danger of the
-        more dangerous end, which no path can avoid; after every eight refusals it rises by this share. It keeps the
-        peak of the danger low. 0 for no threshold.
+        A node is refused if its danger is above the danger of its parent and above a threshold. The threshold begins at
+        the danger of start or goal, whichever is larger, because no path can avoid it. It rises by this share after
+        every eight refusals. It keeps the peak of the danger low. 0 for no threshold.
     step : float >= 0, default 0.0 [rad]
-        Largest length ‖Δq‖ of one step towards the goal; 0 means 0.4, or 0.2 with `transpose`. It takes the place of
-        the paper's gain k₂: far from the goal all steps are this long, near it they are the pseudoinverse's own.
+        Largest length ‖Δq‖ of one step towards the goal, instead of the paper's gain k₂; 0 means 0.4, or 0.2 with
+        `transpose`. Far from the goal all steps have this length. Near the goal a step is that of the pseudoinverse.
     goal_bias : float >= 0, <= 1, default 0.05
         p_g: share of the extensions that go towards the goal. More is faster, less is safer.
     null_space_gain : float >= 0, default 1.0
-        k₁: length of the posture motion Δq₀ relative to the motion that the tip's way needs. It goes down the gradient
-        of the danger, Δq₀ ∝ −∇CDF: the paper's Σ Jᵀ CDF, with the share of every link in the field. It needs an
-        objective with gradients (`DangerObjective`). 0 leaves the posture alone.
+        k₁: length of the posture motion Δq₀ relative to the joint motion that moves the tip. The posture motion follows
+        the negative gradient of the danger, Δq₀ ∝ −∇CDF. This is the paper's Σ Jᵀ CDF with the shares of all links in
+        the field. It needs an objective with gradients (`DangerObjective`). 0 for no posture motion.
     transpose : bool, default False
-        Whether Jᵀ takes the place of J†, without posture motion. With α = 0 this is the classical JT-RRT [2].
+        Whether Jᵀ is used instead of J†, without posture motion. With α = 0 this is the classical JT-RRT [2].
     danger_decay : float >= 0, default 100.0
-        Number of turns after which half of the turns ignore danger and margin; after three times as many nearly all do.
-        So danger that keeps the planner out of a narrow place costs no more than about that many turns. 0 for no decay.
+        Number of iterations after which half of the iterations ignore danger and margin; after three times as many
+        nearly all do. So danger delays the way into a narrow passage by about this number of iterations at most. 0 for
+        no decay.
     clearance : float >= 0, default 0.05 [m]
-        Largest margin that motions keep from all obstacles, as for `SafeRRTConnect`. It is no more than 80 % of what
-        the start keeps, and ends below 10 mm. 0 for none.
+        Largest margin that motions keep from all obstacles, as for `SafeRRTConnect`. It is at most 80 % of the
+        clearance of the start, and ends below 10 mm. 0 for none.
 
     Notes
     -----
-    The planner as it is printed in [1] is `PaperSafeJTRRT`, and the classical one `PaperJTRRT`, k₂JᵀΔx. What differs
-    here, and why:
+    `PaperSafeJTRRT` is the planner as printed in [1], `PaperJTRRT` the classical planner with k₂JᵀΔx. This planner
+    differs as follows:
 
-    * k₁ and k₂ are relative: the same gains for all robots, without oscillation;
-    * Δq₀ goes down the gradient of the greatest danger, with the share of every link in the field: the danger of the
-      configuration falls, which a sum over all points does not ensure;
-    * that gradient is kept for a few steps: fewer evaluations of the field;
-    * joints at their limits stop, and the others take over: the tip still gets there;
-    * some extensions begin elsewhere than at the best node, and some choices ignore danger (`nearest_fraction`): out of
-      dead ends;
-    * random steps descend sideways and keep to a threshold (`slide`, `threshold_rise`): lower danger;
-    * CDF_Threshold is that of random steps; what `max_danger` forbids is proven not to happen;
-    * the path is contracted like an elastic band where neither the peak of the danger nor its integral rises, and its
-      edges are moved sideways (`slide`): it is shorter, and the danger is lower;
-    * motions keep a margin, as long as they can (`clearance`): obstacles that are not dangerous are not grazed, either;
-    * danger and margin lose weight where no path is found (`danger_decay`): they cost no solution;
-    * α is relative to the usual slope of the danger: one default serves all robots.
+    * k₁ and k₂ are relative. The same gains serve all robots, without oscillation.
+    * Δq₀ follows the negative gradient of the maximum danger, with the shares of all links in the field. So the danger
+      of the configuration decreases, which a sum over all points does not ensure.
+    * The gradient is reused for a few steps. The field is evaluated less often.
+    * Joints at their limits stop, and the other joints compensate, so that the tip reaches the target.
+    * Some extensions begin at a random node, and some choices ignore danger (`nearest_fraction`). The planner leaves
+      dead ends.
+    * Random steps move sideways and keep a threshold (`slide`, `threshold_rise`). The danger is lower.
+    * CDF_Threshold applies to random steps. `max_danger` is proven for every motion.
+    * The path is contracted like an elastic band as long as neither peak nor integral of the danger rises, and its
+      edges are moved sideways (`slide`). The path is shorter and less dangerous.
+    * Motions keep a margin while possible (`clearance`), also from obstacles that are not dangerous.
+    * Danger and margin lose weight while no path is found (`danger_decay`), so that no solution is lost.
+    * α is relative to the typical slope of the danger. One default serves all robots.
 
     References
     ----------
@@ -177,7 +178,7 @@ class SafeJTRRT(SafePlanner):
         return self._growth.settled(path, self.getRange(), ptc, self._margin.wanted, 1)
 
     def _extend_towards_goal(self, ptc: Any) -> None:
-        """EXTEND_TOWARDS_GOAL: from the best node not chosen before, step by step as long as there is progress."""
+        """EXTEND_TOWARDS_GOAL: extend from the best node not chosen before, while steps make progress."""
         old = self._trees.best(self._danger.weight * self._target.lever_arm, _RANDOM_STARTS, self._rng)
         if old is None:
             self._extend_randomly()
@@ -244,7 +245,7 @@ class Approach(Trees):
         self.aim(goal)
 
     def aim(self, goal: WorkspaceGoal | None) -> None:
-        """Set another goal; the tree is kept, and all of its nodes may be chosen again."""
+        """Set a new goal. The tree is kept, and all nodes may be chosen again."""
         self._goal = goal
         self.distances: list[float] = []
         self.untried: list[int] = []
@@ -267,7 +268,7 @@ class Approach(Trees):
         self.distances.append(distance)
 
     def take(self, goal: WorkspaceGoal) -> None:
-        """Set the goal, measure new nodes, and add them to the nodes to choose; a new goal resets all nodes."""
+        """Set the goal, measure new nodes, and let them be chosen. After a new goal all nodes may be chosen again."""
         if goal is not self._goal:
             self.aim(goal)
         self.untried += range(len(self.distances), len(self.start))
@@ -276,8 +277,8 @@ class Approach(Trees):
     def best(self, weight: float, at_random: float, rng: np.random.Generator) -> int | None:
         """Return argmin of WS_DISTANCE + weight·CDF over the nodes not chosen before; None if there is none.
 
-        Nodes that a step towards the goal has added count as chosen. In a share `at_random` of the choices any node is
-        taken: the best ones may all be in the same dead end.
+        Nodes that a step towards the goal has added count as chosen. A share `at_random` of the choices is random,
+        because the best nodes may all be in the same dead end.
         """
         self._rank(weight)
         ranked, drawn = self._ranked, self._drawn
@@ -328,21 +329,21 @@ class GoalStep:
         self._limits: StepLimits
 
     def aim(self, target: TargetPose) -> None:
-        """Set another target of the tip."""
+        """Set a new target pose of the tip."""
         self._target, self._limits = target, motion_limits(target.robot)
 
     def at(self, q: FloatArray, distance: float, downhill: FloatArray | None) -> FloatArray:
-        """Return Δq = k₂ [J†Δx + (I − J†J)Δq₀] at `q: (n,)`, classical JᵀΔx, no longer than the largest step.
+        """Return Δq = k₂ [J†Δx + (I − J†J)Δq₀] at `q: (n,)`, or classically JᵀΔx, at most as long as the largest step.
 
-        Δq₀ goes along `downhill`, and to zero together with the `distance` that the tip has left, or the tip would not
-        come to rest: motions in the null space move it to second order.
+        Δq₀ has the direction `downhill` and is proportional to the `distance` of the tip from the target. Otherwise the
+        tip would not come to rest, because motions in the null space move the tip to second order.
         """
         rule = transpose_step if self.transpose else pseudoinverse_step
         posture = None if downhill is None else self.null_space_gain * distance / self._target.lever_arm * downhill
         return limited_step(rule, self._target, q, self._limits, self.largest, posture)
 
     def downhill(self, tree: Tree, node: int) -> FloatArray | None:
-        """Return the direction (n,) in which the danger falls at a node, short if it hardly does; None for none."""
+        """Return the descent direction (n,) of the danger at a node, with norm at most 1, or None if it is not used."""
         if self.transpose or not (self.null_space_gain and self._target.redundancy):
             return None
         if not (self._problem.cost.has_gradients and self._problem.slope):

@@ -1,6 +1,6 @@
-"""The planners exactly as the papers print them, beside which ours are measured; with α = 0 the classical ones.
+"""The planners as printed in the papers, as baselines for the other planners; with α = 0 the classical planners.
 
-Some lines of the paper cannot be meant as printed. They are read so:
+Some lines of the paper cannot be meant as printed. They are interpreted as follows:
 
 * below (3): a = α₁² + β₁² + γ₁²; read: a = α₂² + β₂² + γ₂² = ℓ².
 * (3): α₂, β₂, γ₂ undefined; read: minus the components of b − a; otherwise it is the field of the mirrored link.
@@ -52,7 +52,10 @@ from safe_ompl.robot import plain
 def straight_extension(
     problem: PlanningProblem, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
 ) -> tuple[Extension, int]:
-    """Add a node at most `step` [rad] from node `old` straight towards `target: (n,)`; return outcome and node."""
+    """Add a node on the straight motion from node `old` to `target: (n,)`, at most `step` [rad] away.
+
+    Return the outcome and the index of the node.
+    """
     q_old = tree.configurations[old]
     length, (q_new, _) = problem.coordinates.steer(q_old, plain(target), step)
     outcome = Extension.REACHED if length <= step else Extension.ADVANCED
@@ -64,7 +67,7 @@ def straight_extension(
 class PaperSafeRRTConnect(SafePlanner):
     """SAFE_RRT-CONNECT as it is printed in [1], §4.4, with EXTEND and CONNECT of [2]; with α = 0 `PaperRRTConnect`.
 
-    The argument x_g is read as q_g, and CONNECT is skipped where EXTEND was trapped, as there is no q_new.
+    The argument x_g is read as q_g. CONNECT is skipped if EXTEND was trapped, because then q_new does not exist.
 
     Parameters
     ----------
@@ -73,7 +76,7 @@ class PaperSafeRRTConnect(SafePlanner):
     alpha : float >= 0, default 1.0
         Weight of danger α, as length per danger.
     iterations : int >= 0, default 0
-        K: how many turns the trees take; 0: until time is up.
+        K: number of iterations; 0: until the time is over.
 
     References
     ----------
@@ -118,17 +121,17 @@ class PaperSafeRRTConnect(SafePlanner):
 class PaperSafePRM(SafePlanner):
     """SAFE_PRM_PLANNER as it is printed in [1], §4.2; with α = 0 `PaperPRM`.
 
-    N samples are drawn once; where they do not suffice, the planner gives up. Where the print
-    leaves something open it is read so: the roots wait in Open and are closed once; g is measured in the 1-norm, as h
-    is, which would not underestimate it in another; a milestone that is offered twice takes the better offer; two
-    graphs that met are connected even where an Open list has become empty.
+    N samples are drawn once. If they do not suffice, the planner fails. Open points of the print are decided as
+    follows. The roots begin in Open and are closed once. g is measured in the 1-norm, as h, so that h does not
+    overestimate. If a milestone is added to Open twice, the better entry counts. Two graphs that met are connected even
+    if an Open list is empty.
 
     Parameters
     ----------
     alpha : float >= 0, default 5.0
         Weight of danger α, as length per danger.
     neighbors : int >= 1, default 25
-        K: how many of the nearest milestones are neighbours.
+        K: number of nearest milestones that are neighbours.
     samples : int >= 1, default 50
         N: number of milestones.
 
@@ -174,12 +177,12 @@ class PaperSafePRM(SafePlanner):
         return None
 
     def _f(self, graph: SearchGraph, current_goal: int) -> FloatArray:
-        """Return f = g + h + α·CDF for the offers in Open(1)."""
+        """Return f = g + h + α·CDF for the entries of Open(1)."""
         f = graph.g + self._lengths_from(current_goal)[graph.milestones]
         return f + self.alpha * self._roadmap.costs(graph.milestones) if self.alpha else f
 
     def _neighbors(self, graph: SearchGraph, new: int, ptc: Any) -> IntArray:
-        """NEIGHBORS: of Samples ∖ Closed(1) those of the K nearest to `new` that a free edge connects to it."""
+        """NEIGHBORS: the milestones among the K nearest to `new` in Samples ∖ Closed(1) with a free edge to `new`."""
         nearest = self._roadmap.nearest(new, graph.closed)[: self.neighbors].tolist()
         free = [other for other in nearest if not ptc() and self._roadmap.check(*graph.as_driven(new, other))]
         return np.array(free, dtype=np.intp)
@@ -196,17 +199,17 @@ class PaperSafeJTRRT(SafePlanner):
     """SAFE_JT-RRT as it is printed in [1], §4.3; with Jᵀ and α = 0 the classical `PaperJTRRT` [2].
 
     A step towards the goal is Δq = k₂ [J†Δx + (I − J†J)Δq₀] with Δq₀ = k₁ Σ_j Σ_i J_ijᵀ CDF(r_j), summed over all
-    danger points r_j and, as in the paper's own runs, the distal ends of all links. Where the print leaves something
-    open or misleads it is read so: Jᵀ in the step is J†; the loop `while 1` ends without progress; steps are bounded
-    and kept within the joint limits; a node from which a step was tried counts as chosen before, and where all are,
-    an extension is random; the vectors CDF carry the weights of their danger points.
+    danger points r_j and, as in the paper's experiments, the distal ends of all links. Open or misleading points of the
+    print are decided as follows. Jᵀ in the step is J†. The loop `while 1` ends without progress. Steps are bounded and
+    stay within the joint limits. A node from which a step was tried counts as chosen before. If all nodes were chosen,
+    a random extension is made. The vectors CDF are weighted by their danger points.
 
     Parameters
     ----------
     range : float >= 0, default 0.0 [rad]
         Largest length of one random extension; 0 takes 7.5 % of the space's extent.
     alpha : float >= 0, default 1.0
-        Weight of danger α, as length per danger, in rad and in metres alike.
+        Weight of danger α, as length per danger, for lengths in rad and in metres.
     goal_bias : float >= 0, <= 1, default 0.05
         p_g: share of the extensions towards the goal.
     step : float > 0, default 0.1 [rad]
@@ -214,10 +217,9 @@ class PaperSafeJTRRT(SafePlanner):
     gain : float > 0, default 0.1
         k₂: gain of a step towards the goal.
     null_space_gain : float >= 0, default 1.0
-        k₁: gain of the posture motion. The more danger points, the smaller it must be: a thousandth serves the paper's
-        scenes.
+        k₁: gain of the posture motion. It must be smaller for more danger points; 0.001 suits the paper's scenes.
     danger_threshold : float >= 0, default 0.0
-        CDF_Threshold: danger from which on a step towards the goal is refused; 0 for none.
+        CDF_Threshold: a step towards the goal is refused if its danger is not below this; 0 for none.
     transpose : bool, default False
         Whether the step is k₂JᵀΔx, as in the classical JT-RRT.
 
@@ -313,11 +315,11 @@ class PaperSafeJTRRT(SafePlanner):
         return field if isinstance(field, DangerField) else None
 
     def _still_serves(self, before: Query, now: Query) -> bool:
-        """Return whether the tree may go on: it grows from the start, to any place."""
+        """Return whether the tree is valid for the new query; it grows from the start, so the goal may change."""
         return super()._still_serves(before._replace(goal=now.goal), now)
 
     def _take_goals(self, ptc: Any, samples: int = 1) -> None:
-        """Take the place from the problem; the tree stays, and all of its nodes may be tried for another place."""
+        """Read the target from the problem. For a new target the tree is kept, and all nodes may be chosen again."""
         self._goal = self.getProblemDefinition().getGoal()
         self._trees.take(self._goal)
 
@@ -328,11 +330,11 @@ class PaperSafeJTRRT(SafePlanner):
 class PaperSafeBubble(SafePlanner):
     """BUBBLE_PLANNER as it is printed in [1], §4.1; with α = 0 `PaperBubble`.
 
-    Bubbles are those of (9); f is that of (10), with joint angles in the 1-norm for g and h. Where the print leaves
-    something open it is read so: C is Closed(1); the roots wait in Open and are closed once; d_c counts the robot's own
-    pairs, too, or a bubble would not be free; vertices lie 0.99 of the way to the boundary, and within the joint
-    limits; of several bubbles that intersect the new one, the path takes the one that it overlaps most. The planner
-    is deterministic.
+    Bubbles are those of eq. (9), f is that of eq. (10), with the 1-norm of joint angles for g and h. Open points of the
+    print are decided as follows. C is Closed(1). The roots begin in Open and are closed once. d_c includes
+    self-collision pairs, because otherwise a bubble is not free. Vertices lie at 0.99 of the distance to the boundary,
+    and within the joint limits. If several bubbles intersect the new bubble, the path uses the bubble with the largest
+    overlap. The planner is deterministic.
 
     Parameters
     ----------
@@ -341,7 +343,7 @@ class PaperSafeBubble(SafePlanner):
     beta : float >= 0, default 0.0
         Weight β of the diversity.
     iterations : int >= 0, default 0
-        k_max: how many turns the trees take; 0: until time is up.
+        k_max: number of iterations; 0: until the time is over.
 
     References
     ----------
