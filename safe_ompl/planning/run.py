@@ -33,6 +33,9 @@ _log = logging.getLogger(__name__)
 _LEAST_TIME = 1e-3  # [s]
 # The best path is refined if this many consecutive starts find no better path.
 _STALE_STARTS = 4
+# With ways="all", further starts extend trees by up to this many times the planner's range. The first start has the
+# planner's own. The longer motions lead more often to ways that the first start rarely finds.
+_RANGE_FACTOR = 2.0
 # A path counts as better if it reduces the cost by more than this share.
 _BETTER_SHARE = 1e-3
 # A refinement halves the spacing of the way points; there are at most this many refinements.
@@ -221,7 +224,8 @@ class PlanningRun:
 
         The time [s] limits the whole search; `seconds` limits the simplification of each path.
         """
-        setup, begin = self._setup, perf_counter()
+        setup, planner, begin = self._setup, self._planner, perf_counter()
+        own_range = planner.range if isinstance(planner, SafePlanner) else None
         ways = WaySearch(setup, simplifier, seconds, simplification.timed(time, interrupted))
         before, starts, first = replace(setup.counts), _Starts(setup, self._planner, self._seed), list[float]()
 
@@ -229,14 +233,20 @@ class PlanningRun:
             # A further start takes no more queries than all before it with their drafts, as single trees may grow a
             # hundred times larger than others.
             spent = setup.counts.queries - before.queries
+            if start == 1 and own_range is not None:
+                planner.range = _RANGE_FACTOR * planner.getRange()
             path = starts.search(start, time - (perf_counter() - begin), spent)
             if path is not None:
                 first.append(perf_counter() - begin)
             return path
 
-        # After Ctrl-C the best path so far is the result.
-        with suppress(KeyboardInterrupt):
-            ways.run(search)
+        try:
+            # After Ctrl-C the best path so far is the result.
+            with suppress(KeyboardInterrupt):
+                ways.run(search)
+        finally:
+            if own_range is not None:
+                planner.range = own_range
         said: dict[str, Any] = {"status": starts.status, "path": None}
         if found := ways.ways():
             best, costs = found[0][0], tuple(cost for _, cost in found)

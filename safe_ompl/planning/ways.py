@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 # Numbers below were chosen on 120 random scenes with a person and five boxes, those of bench/ways among them.
 #
-# J weighs danger as little as this share of the simplifier's own weight: 1 + λ·CDF² touches 2·√λ·CDF where √λ·CDF is 1.
-# With this share it does so near the mean danger of paths of these scenes. So J of paths is nearly in proportion to
-# their integral of danger, by which ways are compared, and its minima are those of the integral.
+# The weight of danger in J, as a share of the simplifier's own weight. Ways are compared by their integral of CDF, but
+# J has its square: 1 + λ·CDF² ≥ 2·√λ·CDF, and both sides are equal where √λ·CDF = 1. With this share they are about
+# equal at the mean danger of simplified paths, so the cheapest paths by J are nearly those of least integral.
 _WEIGHT_SHARE = 0.4
-# Of a planned path's least clearance no more than this is kept. It differs from start to start by centimetres; keeping
-# all of it, which one simplified path does, held most of those paths back that were far from the best one.
+# Paths keep no more of the least clearance of their planned path than this. That clearance differs by centimetres from
+# start to start. With one way all of it is kept; here that kept most starts from the best path that others found.
 _MOST_KEPT = 0.015  # [m]
 _FEWEST, _MOST = 3, 5  # starts
 # Starts end when so many of them come to within this share of the cheapest: then another way is rarely cheaper.
@@ -61,7 +61,8 @@ class WaySearch:
     more often the best result of a random search is found again, the less likely a further start finds a better one.
     Then these drafts are joined, see `hybrid`, and the joined path is simplified to the end; where that saves much,
     once more. At last the cheapest draft of every other way is simplified to the end, too. None of this depends on the
-    clock, unless it is time to stop.
+    clock, unless it is time to stop. The J of this search weighs danger less than the simplifier does, as the integral
+    of danger asks for, and paths may come nearer to obstacles, down to 15 mm, than their planned paths.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ def beside_a_pillar(robot):
     return setup
 
 
-def test_every_seed_finds_the_cheaper_side_of_a_pillar_and_says_what_the_other_costs():
+def test_all_ways_find_the_cheaper_side_of_a_pillar_more_often_and_say_what_the_other_costs():
     robot = Scenario.load("planar2").build_robot()
     sides = (-0.7, 2.6), (-2.6, 0.7)  # limits of the elbow that leave one side only
     only = [beside_a_pillar(robot.with_limits({"joint2": limits})) for limits in sides]
@@ -80,9 +80,14 @@ def test_every_seed_finds_the_cheaper_side_of_a_pillar_and_says_what_the_other_c
     assert 1.1 * max(cheap) < min(dear)
     setup = beside_a_pillar(robot)
     one = [setup.plan(seed=seed, simplify=True).report.danger.integral for seed in SEEDS]
-    assert max(one) > 1.1 * max(cheap)  # chance leads to the other side
     results = [setup.plan(seed=seed, ways="all") for seed in SEEDS]
-    assert all(result.certified and result.ways[0] <= 1.02 * max(cheap) for result in results)
+    assert all(result.certified for result in results)
+    missed_by_one, missed = (
+        sum(cost > 1.02 * max(cheap) for cost in costs) for costs in (one, [result.ways[0] for result in results])
+    )
+    # Chance leads one way to the other side; of all ways it does so if the first three starts take the same side.
+    assert missed_by_one > missed
+    assert missed <= 1
     both = [result.ways for result in results if len(result.ways) > 1]
     assert both
     assert all(costs[1] == pytest.approx(np.median(dear), rel=0.1) for costs in both)
@@ -105,10 +110,12 @@ def test_ways_to_a_place_of_the_tip_end_there():
     "planner", ["SafeRRTConnect", "SafePRM", "SafeJTRRT", "BubblePlanner", "ClassicRRTConnect", "RRTConnect"]
 )
 def test_ways_with_other_planners(setup, planner):
-    one, result = (setup.plan(planner, seed=2, **options) for options in ({"simplify": True}, {"ways": "all"}))
+    # The time suffices for any machine, as paths would depend on when it is over.
+    one = setup.plan(planner, seed=2, simplify=True, time=60.0)
+    result, again = (setup.plan(planner, seed=2, ways="all", time=60.0) for _ in range(2))
     assert result.certified
     assert result.ways[0] <= 1.05 * one.report.danger.integral
-    np.testing.assert_array_equal(setup.plan(planner, seed=2, ways="all").path, result.path)
+    np.testing.assert_array_equal(again.path, result.path)
 
 
 def test_ways_without_danger_are_compared_by_length():
@@ -170,18 +177,23 @@ def test_no_start_begins_when_the_time_is_up(setup, monkeypatch):
     assert (result.certified, Fickle.clock, len(begun)) == (True, 2.0, 2)
 
 
-def test_no_further_start_takes_more_queries_than_all_before_it(setup):
+def test_further_starts_take_longer_motions_and_no_more_queries_than_all_before(setup):
+    ranges = []
+
     class Endless(SafeRRTConnect):
         """Asks without end with all seeds but the first."""
 
         def _search(self, ptc):
+            ranges.append(self.range)
             if self.getSeed() == 3:
                 return super()._search(ptc)
             while not ptc():
                 setup.checker.in_collision(np.zeros(3))
             return None
 
-    planner = Endless(setup.getSpaceInformation())
+    planner = Endless(setup.getSpaceInformation(), range=1.0)
     found, one = setup.plan(planner, seed=3, ways="all", time=20.0), setup.plan(planner, seed=3, simplify=True)
     assert found.certified
+    np.testing.assert_array_equal(ranges, [1.0, *[2.0] * (len(ranges) - 2), 1.0])
+    assert planner.range == 1.0
     assert one.counts.queries < found.counts.queries < 20 * one.counts.queries

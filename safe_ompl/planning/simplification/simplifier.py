@@ -113,7 +113,9 @@ class Simplifier:
         if revisions == self._revisions:
             return
         self._revisions = revisions
-        reference = reference_danger(self._field, self.checker)
+        self._weigh(reference_danger(self._field, self.checker))
+
+    def _weigh(self, reference: float) -> None:
         self._danger = DangerDensity(self._field, reference, self._weight)
         self._cost = PathCost(self.robot, [self._danger])
 
@@ -141,8 +143,9 @@ class Simplifier:
         Of a given path's clearance it keeps at most the distance below which the obstacle cost counts, so that paths
         for all weights can reach their minima.
         """
-        other = copy(self)
-        other._weight, other._revisions = weight, None
+        reference, other = self.danger.reference, copy(self)
+        other._weight = weight
+        other._weigh(reference)
         other.most_kept = 0.0 if self.obstacle_cost is None else self.obstacle_cost.distance
         return other
 
