@@ -31,6 +31,8 @@ def random_paths(robot: Robot, number: int, seed: int) -> list[FloatArray]:
     """Return random paths of three to seven way points."""
     rng = np.random.default_rng(seed)
     low, high = np.maximum(robot.lower, -2.5), np.minimum(robot.upper, 2.5)
+    # Way points of a continuous joint are less than half a turn apart.
+    low, high = (np.where(robot.continuous, np.clip(ends, -1.5, 1.5), ends) for ends in (low, high))
     return [rng.uniform(low, high, (rng.integers(3, 8), robot.n)) for _ in range(number)]
 
 
