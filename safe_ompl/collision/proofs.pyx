@@ -1,30 +1,31 @@
-"""Bounds of the distances of pairs of bodies, by the convex bodies that hold them, and what these prove of motions.
+"""Continuous collision checking: lower bounds of distances of pairs of bodies, and motion bounds.
 
-On the edge q(t) = q₁ + tΔ no point of body g is faster than W_g = Σ_i R_gi·|Δ_i|. At t none is faster than
-V_g = |v| + |ω| r, with the velocity v of the centre of the ball about it and the radius r of that, and no acceleration
-is above K_g = Σ_i R_gi w_i (w_i + 2 Σ_j<i w_j), w = |q′|, over the joints that move it. While |x| ≤ h none moves from
-where it is at t to t + x by more than D = min(h W_g, h V_g + h² K_g/2) (Taylor). Two of the robot's bodies, pair p,
-approach each other by D = h W_p at most, R_pi in the place of R_gi. A pair that must keep c_p is proven for all of such
-an interval where its distance d_p at t is at least c_p + D.
+On the edge q(t) = q₁ + tΔ all points of body g are at most as fast as W_g = Σ_i R_gi·|Δ_i|. At t they are at most as
+fast as V_g = |v| + |ω| r, with the velocity v of the centre of the bounding ball and its radius r. Their accelerations
+are at most K_g = Σ_i R_gi w_i (w_i + 2 Σ_j<i w_j), w = |q′|, summed over the joints that move the body. While |x| ≤ h a
+point moves by at most D = min(h W_g, h V_g + h² K_g/2) between t and t + x (Taylor). Two bodies of the robot, pair p,
+approach each other by at most D = h W_p, with R_pi instead of R_gi. Let c_p be the distance that a pair must keep. The
+pair is proven for the whole interval if its distance d_p at t is at least c_p + D.
 
-A curve q(t) = Σ_k c_k t^k is Σ_k a_k x^k at t + x. It is within |x| v_i of q(t), v_i = Σ_k≥1 |a_k,i| h^(k−1),
-while |x| ≤ h: v takes the place of |Δ|, for intervals of half-length h at most, w is a bound of |q′| there, and
-R_gi |q″_i| is added to K_g. An edge is a curve of degree 1.
+A curve q(t) = Σ_k c_k t^k is Σ_k a_k x^k at t + x. While |x| ≤ h, joint i differs from q_i(t) by at most |x| v_i with
+v_i = Σ_k≥1 |a_k,i| h^(k−1). So v is used instead of |Δ| for intervals of half-length up to h, w is a bound of |q′|
+there, and R_gi |q″_i| is added to K_g. An edge is a curve of degree 1.
 
-In half of an interval bodies should not move far. At its middle three bounds of d_p are tried, each only for pairs that
-those before do not prove: that of the balls about the bodies, that of the ball about one and the box about the other,
-and that of the supports of the bodies themselves along an axis n (`geometry.convex`), for pairs that are proven least
-far first. The axis is the vector from the box to the ball until a better one is found. Where a bound along n leaves a
-spare e more is proven, for bodies that move along the slab across n, or apart, come nearer only by accelerations: they
-keep what they must while e + x r − x²K/2 ≥ 0. In the frame of the joint that carries both, r is how fast the slab
-widens at t at least: n·v of the centres, less what rotation moves the corners of their boxes along n, without balls,
-and K is the sum of theirs. So [t − s⁻, t + s⁺] is proven, with the least s⁻ and s⁺ of all pairs. What is left before
-and after is looked at in the same way, but only pairs that are not proven for all of the interval. Rounding of e, r and
-D, 1e-14 m, is below the allowances in c_p, as that of d_p is; s is taken for less, and D for more, by 1e-12 of it.
+At the middle of an interval three bounds of d_p are tried, each only for the pairs that the bounds before do not prove:
+that of the bounding balls; that of the ball of one body and the box of the other; and that of the supports of the
+bodies along an axis n (`geometry.convex`), beginning with the pairs that are proven for the shortest time. The axis is
+the vector from the box to the ball until a better axis is found. If a bound along n exceeds c_p by e > 0, a longer
+interval is proven: bodies that move along the slab across n, or apart, approach each other only by accelerations, and
+they keep c_p while e + x r − x²K/2 ≥ 0. In the frame of the joint that carries both bodies, r is a lower bound of the
+rate at which the slab widens at t: n·v of the centres, minus the motion of the boxes' corners along n by rotation,
+without balls. K is the sum of both bodies' bounds. So [t − s⁻, t + s⁺] is proven, with the least s⁻ and s⁺ of all
+pairs. The parts before and after are handled in the same way, with only the pairs that are not proven for the whole
+interval. The rounding errors of e, r, D and d_p, 1e-14 m, are below the margins in c_p. s is reduced, and D increased,
+by a relative 1e-12.
 
-Two points of the bodies bound d_p from above. Where that bound is no more than what the pair must keep without the
-allowances in c_p, and the bodies themselves are convex, no proof can find the motion free: it is refused at once, and
-coal need not be asked.
+Two points of the bodies give an upper bound of d_p. If this bound is at most the distance that the pair must keep,
+without the margins in c_p, and the bodies are convex, then no proof is possible. The motion is refused at once, without
+a query of coal.
 """
 
 from libc.math cimport INFINITY, ceil, fabs, nextafter, sqrt
@@ -48,7 +49,7 @@ from safe_ompl.common import InputError
 # configuration of a proven motion too near, and a certificate of the motion can be issued. Rounding is far below.
 ALLOWANCE = 2 * DISTANCE_ERROR
 
-# Pairs of near obstacles come in blocks of so many.
+# Number of pairs per block of near obstacles.
 BLOCK = 64
 
 # A group has at most MOST_PAIRS pairs. The box about a group of at most FEW_PAIRS pairs is not compared, because the
@@ -108,7 +109,7 @@ GROUP = np.dtype(
 
 
 class BoundsProof(NamedTuple):
-    """What lower bounds of distances prove of a motion.
+    """The result of a proof by lower bounds of distances.
 
     If it is not all proven, `left` are the parts that are not, each from one fraction of the motion to another. `at` is
     a fraction at which a bound shows that some pair may be nearer than required; −1 if there is none. If the motion is
@@ -121,12 +122,12 @@ class BoundsProof(NamedTuple):
     blocked: bool = False
 
     def covers(self, low, high):
-        """Return whether the motion is proven from one fraction to another."""
+        """Return whether the motion is proven between two fractions of it."""
         return not any(first < high and last > low for first, last in self.left)
 
 
 class SomePairs(NamedTuple):
-    """The bodies (K, 2) of some pairs, and whether both are known exactly, (K,)."""
+    """The bodies (K, 2) of pairs, and whether the shapes of both are exact (K,)."""
 
     bodies: object
     exact: object
@@ -137,7 +138,7 @@ _FREE = BoundsProof(True, -1.0, [])
 
 
 cdef class Required:
-    """Distances (P,) [m] that pairs must keep, with all allowances in them."""
+    """Distances (P,) [m] that pairs must keep, including all margins."""
 
     def __init__(self, distances):
         self.distances = np.ascontiguousarray(distances, dtype=np.float64).copy()
@@ -145,7 +146,7 @@ cdef class Required:
 
 
 cdef class Workspace:
-    """Memory of proofs, for one of them at a time."""
+    """Working memory of proofs; one proof at a time may use it."""
 
     def __dealloc__(self):
         free(self.bodies.pose)
@@ -154,7 +155,7 @@ cdef class Workspace:
         free(self.memory.listed)
 
     cdef int make_room(self, Py_ssize_t m, Py_ssize_t degree) except -1:
-        """Make room for curves of a degree."""
+        """Allocate memory for curves of a degree."""
         if degree > self.memory.degree:
             moves = <double *> realloc(self.memory.moves, max((TAYLOR + degree + 1) * m, 1) * sizeof(double))
             if not moves:
@@ -210,7 +211,7 @@ cdef class DistanceBounds:
         self.pairs.lanes = balls.shape[1]
 
     def _grouped(self, const size_t[:, ::1] pairs):
-        """Return groups of pairs as they follow each other, and the balls about their obstacles.
+        """Return consecutive groups of pairs, and the balls about their obstacles.
 
         Of many obstacles few are near. Groups are of one body of the robot's each, and groups that are far away are
         left out at once. Of the balls about the obstacles of groups there are centres and radii, (4, ·), each group's
@@ -258,7 +259,7 @@ cdef class DistanceBounds:
         return found[:count].copy(), table
 
     cdef int _run(self, Group[::1] group, Py_ssize_t begin, Py_ssize_t end) except -1:
-        """Write the ball about the balls of the groups from `begin` to `end`."""
+        """Compute the ball about the balls of the groups from `begin` to `end`."""
         cdef double middle[3]
         cdef Py_ssize_t g, x
         # From one group to the next all numbers are as far as the size of a group.
@@ -274,7 +275,7 @@ cdef class DistanceBounds:
         return 0
 
     cdef Workspace workspace(self):
-        """Return working memory that nobody uses."""
+        """Return unused working memory."""
         cdef Workspace work
         cdef Py_ssize_t P = self.pairs.count, m = self.pairs.m, own = self.pairs.own, k
         try:
@@ -305,11 +306,11 @@ cdef class DistanceBounds:
 
     @property
     def bounded(self):
-        """Whether all bodies are finite; else nothing is known of any distance."""
+        """Whether all bodies are bounded; otherwise there are no lower bounds."""
         return self.shapes.bounded
 
     def of(self, Q, pairs, double enough):
-        """Return lower bounds (B, K) [m] of the distances of some of the pairs, (K,), at `Q: (B, n)`.
+        """Return lower bounds (B, K) [m] of the distances of the pairs with indices (K,), at `Q: (B, n)`.
 
         A bound is not improved any more once it is at least `enough` [m], or once it is clear that it cannot be.
         """
@@ -322,7 +323,7 @@ cdef class DistanceBounds:
     def _write_bounds(
         self, const double[:, ::1] values, const size_t[:, ::1] pairs, double enough, double[:, ::1] bounds
     ):
-        """Write lower bounds (B, K) [m] of the distances of pairs (K, 2) of bodies at `values: (B, m)`."""
+        """Compute lower bounds (B, K) [m] of the distances of pairs (K, 2) of bodies at `values: (B, m)`."""
         self._check_places(values, pairs, pairs.shape[0])
         cdef Workspace work = self.workspace()
         cdef Py_ssize_t row, p
@@ -354,7 +355,7 @@ cdef class DistanceBounds:
         return found
 
     def nearer(self, q, const double[::1] margins, double largest):
-        """Return the pairs that may be nearer than their margins (P,) [m] at `q: (n,)`; the last one surely is if True.
+        """Return the pairs that may be nearer than their margins (P,) [m] at `q: (n,)`. If True, the last surely is.
 
         No margin is above the largest. Then no others were looked at. What bounds decide coal would decide alike.
         """
@@ -432,7 +433,7 @@ cdef class DistanceBounds:
         return 0
 
     def some(self, pairs):
-        """Return some pairs, (K,), to ask for what is near among them."""
+        """Return the pairs with indices (K,) in the form that `near` needs."""
         return SomePairs(self._kept[0][pairs], self.exact[pairs])
 
     def prove(self, curve, Required required not None, double floor):
@@ -472,7 +473,7 @@ cdef class DistanceBounds:
         return found
 
     def _proof(self, const double[:, ::1] curve, Required required, double floor):
-        """Return what `prove` does of a motion of the joints of Pinocchio's model, (d + 1, m)."""
+        """Compute the result of `prove` for coefficients (d + 1, m) of the joints of Pinocchio's model."""
         cdef Py_ssize_t degree = curve.shape[0] - 1
         cdef Outcome outcome
         if degree < 1:
@@ -490,7 +491,7 @@ cdef class DistanceBounds:
         return found
 
     cdef object _told(self, Workspace work, Outcome outcome):
-        """Return what is proven, and count the places."""
+        """Return the proof, and count the configurations at which bounds were computed."""
         cdef Py_ssize_t k
         self._counts.bound_queries += outcome.places
         if outcome.number == 0:
@@ -508,7 +509,7 @@ cdef class DistanceBounds:
         return 0
 
     def prove_many(self, curves, Required required not None, double floor, int workers=1):
-        """Return what `prove` says of motions of the model's joints, of coefficients `curves: (E, d + 1, m)`, (E,).
+        """Return the results (E,) of `prove` for coefficients `curves: (E, d + 1, m)` of the model's joints.
 
         That is 1 of those that are proven, −1 of those that are blocked, 0 of others. Each of the workers is a thread.
         """
@@ -530,7 +531,7 @@ cdef class DistanceBounds:
         return found
 
     def _prove_all(self, const double[:, :, ::1] curves, Required required, double floor, Py_ssize_t[::1] found):
-        """Write what `prove_many` says of motions; return at how many places bounds were computed."""
+        """Compute the results of `prove_many`. Return the number of configurations at which bounds were computed."""
         cdef Py_ssize_t degree = curves.shape[1] - 1, k, places = 0, suspects
         cdef Outcome outcome
         if degree < 1:
@@ -538,7 +539,7 @@ cdef class DistanceBounds:
         self._check(required, curves.shape[2])
         cdef Workspace work = self.workspace()
         work.make_room(self.pairs.m, degree)
-        # What blocks the edges of a batch differs, so to suspect it would only cost time.
+        # Different pairs block the edges of a batch, so testing the last blocking pair first would only cost time.
         suspects, work.memory.suspect_count = work.memory.suspect_count, 0
         with nogil:
             for k in range(curves.shape[0]):
@@ -592,7 +593,7 @@ def bound_reaches(
 
 
 cdef void *_address(array):
-    """Return where the numbers of an array begin."""
+    """Return a pointer to the first number of an array."""
     return <void *> <size_t> array.ctypes.data
 
 
@@ -604,7 +605,7 @@ cdef double _write_ball(
     const double *centres, const double *radii, Py_ssize_t count, Py_ssize_t centre_stride, Py_ssize_t radius_stride,
     double *middle,
 ) noexcept nogil:
-    """Write the centre (3,) of a ball that holds so many balls; return its radius."""
+    """Compute the centre (3,) of a ball that contains the balls. Return its radius."""
     cdef double widest = 0.0, x, y, z
     cdef Py_ssize_t k, i
     cdef const double *centre
@@ -620,7 +621,7 @@ cdef double _write_ball(
 
 
 cdef inline void _place(const Pairs *pairs, Workspace work, const double *values) noexcept nogil:
-    """Write the frames of the joints, and the poses of the robot's bodies, at values (m,) of the joints."""
+    """Compute the frames of the joints and the poses of the robot's bodies at joint values (m,)."""
     cdef Memory *memory = &work.memory
     place_joints(pairs.joints, pairs.m, values, memory.rotations, memory.origins, memory.axes)
     place_moving(work.bodies.body, pairs.own, work.bodies.pose, memory.rotations, memory.origins)
@@ -629,7 +630,7 @@ cdef inline void _place(const Pairs *pairs, Workspace work, const double *values
 cdef inline double _lower_bound(
     const Bodies *bodies, Search *search, Py_ssize_t a, Py_ssize_t b, double enough
 ) noexcept nogil:
-    """Return a lower bound [m] of the distance of two bodies; −∞ for what is no number."""
+    """Return a lower bound [m] of the distance of two bodies; −∞ instead of NaN."""
     cdef double lower = outer_bound(bodies, a, b, enough, search.axis)
     if lower < enough:
         lower = max(lower, distance_bounds(bodies, a, b, search, enough, enough, False).lower)
@@ -639,7 +640,7 @@ cdef inline double _lower_bound(
 cdef inline bint _is_far(
     const double *centre, double radius, const Body *body, const Pose *pose, double enough
 ) noexcept nogil:
-    """Return whether a ball is at least `enough` [m] away from that about a body."""
+    """Return whether a ball is at least `enough` [m] away from the ball about a body."""
     cdef double x = pose.centre[0] - centre[0], y = pose.centre[1] - centre[1], z = pose.centre[2] - centre[2]
     cdef double apart = enough + body.reach + radius
     return x * x + y * y + z * z >= apart * apart
@@ -648,7 +649,7 @@ cdef inline bint _is_far(
 cdef inline Py_ssize_t _near_in_group(
     const Pairs *pairs, const Group *group, const Body *body, const Pose *pose, double enough, Py_ssize_t *near
 ) noexcept nogil:
-    """Write those pairs of a group whose balls may be less than `enough` [m] apart; return how many they are.
+    """List the pairs of a group whose balls may be less than `enough` [m] apart. Return their number.
 
     The body and its pose are that of the robot in all of them. Where the group is none of obstacles all pairs are
     written. There must be room for `LANES` numbers more.
@@ -687,7 +688,7 @@ cdef Py_ssize_t _near_pairs(
     const Pairs *pairs, Workspace work, const double *values, const double *margins, double largest, Py_ssize_t *near,
     bint *surely,
 ) noexcept nogil:
-    """Write which of the pairs (P,) may be nearer than their margins (P,) [m]; return how many they are.
+    """List the pairs (P,) that may be nearer than their margins (P,) [m]. Return their number.
 
     The search ends at a pair that certainly is, which `surely` tells: its two bodies are known exactly. A pair is apart
     if a lower bound of its distance is more than its margin by the allowance.
@@ -725,7 +726,7 @@ cdef Py_ssize_t _near_pairs(
 
 
 cdef double _clearance(const Pairs *pairs, Workspace work, double enough) noexcept nogil:
-    """Return a lower bound [m] of the least distance from obstacles where bodies are placed, at most `enough`."""
+    """Return a lower bound [m], at most `enough`, of the least distance between placed bodies and obstacles."""
     cdef Bodies *bodies = &work.bodies
     cdef Search *search = &work.memory.search
     cdef Py_ssize_t *some = work.memory.listed
@@ -746,7 +747,7 @@ cdef double _clearance(const Pairs *pairs, Workspace work, double enough) noexce
 cdef bint _nearest_points(
     Workspace work, Py_ssize_t A, Py_ssize_t B, bint exact, double *axis, double within, double error, double *found
 ) noexcept nogil:
-    """Write what `DistanceBounds.near` returns of a pair of bodies, (10,); return whether they are near."""
+    """Write the row (10,) of `DistanceBounds.near` for a pair of bodies. Return whether the pair is near."""
     cdef Bodies *bodies = &work.bodies
     cdef Search *search = &work.memory.search
     cdef const double *a = bodies.pose[A].centre
@@ -808,7 +809,7 @@ cdef void _write_witness(
 
 
 cdef void _shares_of_corners(double (*S)[6], int corners, Vector way, double *shares) noexcept nogil:
-    """Write the shares (3,) with which up to three corners of a simplex make a point that lies between them."""
+    """Compute the barycentric coordinates (3,) of a point between up to three corners of a simplex."""
     cdef double ux = S[1][0] - S[0][0], uy = S[1][1] - S[0][1], uz = S[1][2] - S[0][2], vx, vy, vz, uv, vv, vp, area
     cdef double px = way.x - S[0][0], py = way.y - S[0][1], pz = way.z - S[0][2]
     cdef double uu = ux * ux + uy * uy + uz * uz, up = ux * px + uy * py + uz * pz
@@ -930,7 +931,7 @@ cdef void add_hinge_costs(
 cdef inline double _slope(
     const Joint *joint, const double *origin, const double *axis, const double *place, const double *normal
 ) noexcept nogil:
-    """Return how fast a place that a joint carries moves along a normal, by the value of the joint."""
+    """Return the velocity of a point along a normal per unit velocity of a joint that carries the point."""
     cdef double slope = 0.0, turning
     cdef Py_ssize_t x, y, z
     for x in range(3):
@@ -994,7 +995,7 @@ def distance_gradients(
     return gradients
 
 
-# What a proof is of, and its working memory.
+# The inputs of a proof, and its working memory.
 cdef struct Proof:
     const Pairs *pairs
     const Bodies *bodies
@@ -1004,7 +1005,7 @@ cdef struct Proof:
 
 
 cdef double _write_rates(const Proof *proof) noexcept nogil:
-    """Write W and K of bodies, and W of pairs of two of the robot's own; return the largest one of a body.
+    """Compute W and K of bodies, and W of self-collision pairs. Return the largest W of a body.
 
     Processors run the loops over bodies and pairs by lanes. V takes how fast bodies turn meanwhile.
     """
@@ -1049,7 +1050,7 @@ cdef struct Twist:
 
 
 cdef inline Twist _velocities(const Proof *proof, Py_ssize_t g, Py_ssize_t frame) noexcept nogil:
-    """Return how a body moves relative to what a joint carries."""
+    """Return the velocity of a body relative to the link of a joint."""
     cdef const double *c = proof.bodies.pose[g].centre
     cdef const double *twist = proof.memory.twists + 6 * proof.bodies.body[g].joint
     cdef const double *base = proof.memory.twists + 6 * frame
@@ -1062,7 +1063,7 @@ cdef inline Twist _velocities(const Proof *proof, Py_ssize_t g, Py_ssize_t frame
 
 
 cdef inline double _moved(const Proof *proof, Py_ssize_t p, double half) noexcept nogil:
-    """Return by how much the bodies of a pair approach each other at most while no farther than `half` from a place."""
+    """Return a bound of how much the bodies of a pair approach each other within `half` of a point of the motion."""
     cdef Memory *memory = proof.memory
     cdef Py_ssize_t A = proof.pairs.bodies[p][0], B = proof.pairs.bodies[p][1]
     cdef double rate = (
@@ -1071,14 +1072,14 @@ cdef inline double _moved(const Proof *proof, Py_ssize_t p, double half) noexcep
     return half * rate * (1.0 + ROUNDING)
 
 
-# How far before and after a place something holds, as a share of the motion.
+# Proven lengths before and after a point of the motion, as shares of the motion.
 cdef struct Reach:
     double before
     double after
 
 
 cdef Reach _kept(const Proof *proof, Py_ssize_t p, double spare) noexcept nogil:
-    """Return how far before and after a place a pair keeps what it must that has so much to `spare` along the axis."""
+    """Return the proven lengths of a pair whose distance along the axis exceeds the required one by `spare` [m]."""
     cdef const Joint *joints = proof.pairs.joints
     cdef const Body *body
     cdef Memory *memory = proof.memory
@@ -1128,13 +1129,13 @@ cdef Reach _kept(const Proof *proof, Py_ssize_t p, double spare) noexcept nogil:
 
 
 cdef inline double _until(double spare, double rate, double bend) noexcept nogil:
-    """Return the largest s for which spare + rate s − bend s²/2 is no less than 0."""
+    """Return the largest s with spare + rate s − bend s²/2 ≥ 0."""
     cdef double root = sqrt(rate * rate + 2.0 * bend * spare)
     return ((rate + root) / bend if rate > 0.0 else 2.0 * spare / (root - rate)) * (1.0 - ROUNDING)
 
 
 cdef Py_ssize_t _list_near(const Proof *proof, double half) noexcept nogil:
-    """List pairs that the balls about bodies, and about groups of them, do not prove; return how many they are."""
+    """List the pairs that the balls about bodies and about groups do not prove. Return their number."""
     cdef const Pairs *pairs = proof.pairs
     cdef const Body *bodies = proof.bodies.body
     cdef const Pose *poses = proof.bodies.pose
@@ -1161,7 +1162,7 @@ cdef Py_ssize_t _list_near(const Proof *proof, double half) noexcept nogil:
     return number
 
 
-# How far before and after a place all pairs are proven; a pair that is too near, or −1; how many pairs are listed.
+# Proven lengths before and after a point; a pair that is too near, or −1; the number of listed pairs.
 cdef struct Half:
     Reach reach
     Py_ssize_t pair
@@ -1169,7 +1170,7 @@ cdef struct Half:
 
 
 cdef Half _half_length(const Proof *proof, double t, double half, Py_ssize_t number, bint fresh) noexcept nogil:
-    """Return how far before and after t, at most `half`, is proven; a pair that is too near; how many are listed.
+    """Return the proven lengths before and after t, at most `half`, a pair that is too near, and the listed pairs.
 
     Of the first so many pairs of the list those that are not proven for all of the interval come to the front. Of
     `fresh` ones nothing is known. Both lengths are 0 if the bound of that pair's distance is not above what it must
@@ -1223,7 +1224,7 @@ cdef Half _half_length(const Proof *proof, double t, double half, Py_ssize_t num
             nothing = -1.0 if found.upper < least else 0.0
             return Half(Reach(nothing, nothing), listed[worst], left)
         kept = _kept(proof, p, found.lower - proof.required[p])
-        # Whatever rounding makes of it.
+        # The comparison is independent of rounding errors.
         even = longer if found.lower >= enough else 0.0
         back, on = max(max(back, kept.before), even), max(max(on, kept.after), even)
         first[p], last[p] = t - back, t + on
@@ -1233,7 +1234,7 @@ cdef Half _half_length(const Proof *proof, double t, double half, Py_ssize_t num
 
 
 cdef bint _is_too_near(const Proof *proof, Py_ssize_t p) noexcept nogil:
-    """Return whether it is certain that a pair is nearer at a place than it must be."""
+    """Return whether a pair is certainly nearer than its required distance at a point of the motion."""
     cdef double required = proof.required[p], least = required - proof.pairs.certain[p]
     cdef Py_ssize_t A = proof.pairs.bodies[p][0], B = proof.pairs.bodies[p][1]
     cdef Search *search = &proof.memory.search
@@ -1245,7 +1246,7 @@ cdef bint _is_too_near(const Proof *proof, Py_ssize_t p) noexcept nogil:
 
 
 cdef void _suspect(Memory *memory, Py_ssize_t pair) noexcept nogil:
-    """Put a pair before all others that are suspected; the last of these is dropped if it is a new one."""
+    """Move a pair to the front of the suspects. A new pair replaces the last suspect."""
     cdef Py_ssize_t place = 0, k
     while place < memory.suspect_count - 1 and memory.suspects[place] != pair:
         place += 1
@@ -1258,7 +1259,7 @@ cdef void _suspect(Memory *memory, Py_ssize_t pair) noexcept nogil:
 cdef void _curve_at(
     const double *curve, Py_ssize_t degree, Py_ssize_t m, double t, double half, double *moves
 ) noexcept nogil:
-    """Write where the joints are at t, and how they move while no farther than `half` from t.
+    """Compute the joint values at t, and bounds of the joints' motion within `half` of t.
 
     The rows of `moves: (6 + d, m)` are the joints, v, q′ at t, bounds of |q′| and |q″|, and a_0 … a_d.
     """
@@ -1285,7 +1286,7 @@ cdef Outcome prove_curve(
     const Pairs *pairs, Workspace work, const double *curve, Py_ssize_t degree, const double *required, double most,
     double floor,
 ) noexcept nogil:
-    """Try to prove a motion with the coefficients c_k, `curve: (d + 1, m)`, t in [0, 1]; stop where that fails.
+    """Try to prove the motion with coefficients `curve: (d + 1, m)` for t in [0, 1]. Stop at the first failure.
 
     Pair p must keep c_p, `required: (P,)`, with all allowances in it, none of them above `most`. The proof stops at an
     interval in whose halves no body moves by more than the floor [m], and where more than `INTERVALS` would wait.
@@ -1346,11 +1347,11 @@ cdef Outcome prove_curve(
         if half < 0.0:
             _suspect(memory, found.pair)
             return Outcome(-1, t, places)
-        # Between two neighbouring numbers there is no other, so that a smaller interval cannot be tried.
+        # The interval is as short as floating point numbers allow.
         if half < longest and (half * widest < floor or number == INTERVALS or t == low or t == high):
             return Outcome(number, -1.0 if half > 0.0 else t, places)
         number -= 1
-        # The part in which these bodies come nearer is looked at next: there the motion is blocked, if it is.
+        # The part in which these bodies approach each other is checked next, because there the motion may be blocked.
         for turn in range(2):
             earlier = (turn == 0) == (found.reach.after <= found.reach.before)
             if (found.reach.before if earlier else found.reach.after) < longest:
@@ -1367,7 +1368,7 @@ cdef Outcome prove_edge(
     const Pairs *pairs, Workspace work, const double *start, const double *end, EdgeTable limits,
     const double *required, double most, double floor,
 ) noexcept nogil:
-    """Return what `prove_curve` says of the straight motion between two configurations (n,).
+    """Return the result of `prove_curve` for the straight motion between two configurations (n,).
 
     −1 at no place is also said where one of them is not within the limits.
     """

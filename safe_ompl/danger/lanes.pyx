@@ -1,10 +1,10 @@
-"""Skeletons at configurations side by side: kinematics, the field at a point of each, its gradient by the joints.
+"""Batched (SIMD) evaluation of the danger field: forward kinematics, field values, and gradients by the joints.
 
-A processor works on several numbers at once where the same is done to each. So the last axis of all arrays here is
-that of the lanes, `W` of them, over which loops run in whole groups of `GROUP`; a last group that is not full is filled
-up with copies. The formulas are those of `robot/kinematics.pyx` and of `danger/static.pyx`, number for number.
+The last axis of all arrays is the SIMD lane, one of W. Loops run over multiples of GROUP lanes; unused lanes hold
+copies of the last used lane. The formulas and their order of operations are the same as in
+`robot/kinematics.pyx` and `danger/static.pyx`.
 
-Where many points are looked at from one skeleton, the lanes are points, `BLOCK` of them at a time.
+For many points and one configuration the lanes are points, in blocks of BLOCK points.
 """
 
 from libc.math cimport INFINITY, NAN, cos, fabs, sin, sqrt
@@ -22,8 +22,8 @@ from safe_ompl.robot.kinematics cimport Joint
 cdef extern from "math.h" nogil:
     float sqrtf(float)
 
-# There are W lanes; a register of the processor holds GROUP of them. The highest bound of each CHUNK of points is kept.
-# Of many points, BLOCK are handled at once, so that their distances stay in the first-level cache.
+# W: number of lanes. GROUP: lanes per register. CHUNK: the largest bound of each chunk of this many points is stored,
+# so that whole chunks can be skipped. BLOCK: points per block, so that their distances fit into the first-level cache.
 cdef enum:
     W = 16
     GROUP = 4
@@ -31,17 +31,19 @@ cdef enum:
     BLOCK = 128
 
 cdef double LN2 = 0.6931471805599453
-# Above this value of 2ℓ/(S − ℓ) the difference has lost too many digits.
+# ℓ is the length of a link, S the sum of the distances of a point from its ends. Above this value of 2ℓ/(S − ℓ) the
+# cancellation in S − ℓ is too large.
 cdef double NEAR = 1e3
-# Instead of an infinite ratio, whose logarithm would be no number.
+# Ratios are limited to this value, because the logarithm here gives NaN for infinity.
 cdef double LARGEST = 1e300
-# Half a unit in the last place of single precision.
+# Unit roundoff of single precision.
 cdef double FINE = 2.0**-24
 
 
-# Of each joint, and of the base before them, R (m + 1, 9, W), o and z (m + 1, 3, W); key points (K, 3, W); lengths of
-# links (L, W) [m], and the largest coordinate of key points (W,). And room: what turns a joint (9, W), how far it
-# slides (W,), and where its parent is (12, W).
+# Forward kinematics of W configurations. Index 0 of the first three arrays is the base: rotations (m + 1, 9, W),
+# origins and axes (m + 1, 3, W); key points (K, 3, W) and lengths of links (L, W) [m]; the largest absolute coordinate
+# of the key points (W,). Working memory: rotation of the present joint (9, W), its displacement (W,), the pose of its
+# parent (12, W).
 cdef struct Frames:
     double *rotation
     double *origin
@@ -54,9 +56,9 @@ cdef struct Frames:
     double *above
 
 
-# Points, one in each lane, and the skeletons they are seen from: of which lane the skeleton is, and which of the points
-# it is, (W,); fields there (W,); key points of the skeletons (K, 3, W) and lengths of links (L, W); rays from key
-# points to the points (K, 3, W), and distances (K, W); and room.
+# Pairs of a configuration and a danger point, one per lane: lane of the configuration in `Frames` and index of the
+# point (W,); fields (W,); key points (K, 3, W) and lengths of links (L, W) at the configurations; vectors from key
+# points to the points (K, 3, W), and their lengths (K, W). The other arrays are working memory.
 cdef struct Rays:
     Py_ssize_t *skeleton
     Py_ssize_t *which
@@ -71,7 +73,8 @@ cdef struct Rays:
     double *power
 
 
-# Forces (K, 3, W) at key points, gradients by the joints (m, W), and room, wrenches (m + 1, 6, W) among it.
+# Gradients by the key points, called forces (K, 3, W), and gradients by the joints (m, W). The other arrays are working
+# memory, among them wrenches (m + 1, 6, W).
 cdef struct Forces:
     double *forces
     double *gradient
@@ -82,7 +85,7 @@ cdef struct Forces:
 
 
 cdef double *_take(double **memory, Py_ssize_t numbers) noexcept nogil:
-    """Return the next numbers of a memory; each array begins at a multiple of 64 bytes."""
+    """Allocate the next `numbers` doubles of a memory block. Arrays are aligned to 64 bytes."""
     cdef double *found = memory[0]
     memory[0] += (numbers + 7) // 8 * 8
     return found
@@ -93,7 +96,7 @@ cdef Py_ssize_t _frames_size(const Skeleton *s) noexcept nogil:
 
 
 cdef Frames _frames(const Skeleton *s, double **memory) noexcept nogil:
-    """Return room for the frames of a skeleton; the base has its place."""
+    """Allocate the frames of a skeleton, and set the frame of the base."""
     cdef Frames frames
     cdef Py_ssize_t x, b
     frames.rotation, frames.origin = _take(memory, 9 * W * (s.m + 1)), _take(memory, 3 * W * (s.m + 1))
@@ -113,7 +116,7 @@ cdef Py_ssize_t _rays_size(const Skeleton *s) noexcept nogil:
 
 
 cdef Rays _rays_of(const Skeleton *s, double **memory) noexcept nogil:
-    """Return room for points seen from skeletons."""
+    """Allocate memory for pairs of configurations and points."""
     cdef Rays rays
     rays.skeleton, rays.which = <Py_ssize_t *> _take(memory, W), <Py_ssize_t *> _take(memory, W)
     rays.field, rays.places, rays.ray = _take(memory, W), _take(memory, 3 * W * s.K), _take(memory, 3 * W * s.K)
@@ -127,7 +130,7 @@ cdef Py_ssize_t _forces_size(const Skeleton *s) noexcept nogil:
 
 
 cdef Forces _forces_of(const Skeleton *s, double **memory) noexcept nogil:
-    """Return room for forces at the key points of skeletons."""
+    """Allocate memory for the forces at the key points."""
     cdef Forces forces
     forces.forces, forces.gradient = _take(memory, 3 * W * s.K), _take(memory, W * s.m)
     forces.wrench, forces.gap = _take(memory, 6 * W * (s.m + 1)), _take(memory, W)
@@ -136,7 +139,7 @@ cdef Forces _forces_of(const Skeleton *s, double **memory) noexcept nogil:
 
 
 cdef Py_ssize_t _place(const Skeleton *s, const double *values, Py_ssize_t count, Frames frames) noexcept nogil:
-    """Write where joints and key points are at `values: (count ≤ W, m)`; return how many lanes are filled."""
+    """Compute joint frames and key points at `values: (count ≤ W, m)`. Return the number of lanes in use."""
     cdef Py_ssize_t lanes = (count + GROUP - 1) // GROUP * GROUP, i, b, x, k, link
     cdef const Joint *joint
     cdef double *turn = frames.turn
@@ -221,7 +224,7 @@ cdef Py_ssize_t _place(const Skeleton *s, const double *values, Py_ssize_t count
 cdef Py_ssize_t _cast_rays(
     const Skeleton *s, Frames frames, const Points *points, Py_ssize_t count, Rays rays
 ) noexcept nogil:
-    """Write the rays from skeletons to so many points; return how many lanes are filled."""
+    """Compute the vectors from the key points to the points. Return the number of lanes in use."""
     cdef Py_ssize_t lanes = (count + GROUP - 1) // GROUP * GROUP, b, x, k, link
     cdef double *ray
     cdef double *place
@@ -251,7 +254,7 @@ cdef Py_ssize_t _cast_rays(
 
 
 cdef bint _write_fields(const Skeleton *s, Py_ssize_t lanes, Rays rays) noexcept nogil:
-    """Write the fields at the points; return False if one of them is too near for that, as in `potentials`."""
+    """Compute the fields at the points. Return False if a point is so near that `_potentials` must be used."""
     cdef Py_ssize_t link, b, near = 0
     cdef const double *first
     cdef const double *last
@@ -278,9 +281,10 @@ cdef bint _write_fields(const Skeleton *s, Py_ssize_t lanes, Rays rays) noexcept
 cdef void _write_forces(
     const Skeleton *s, const double *weights, Py_ssize_t lanes, Rays rays, Forces forces
 ) noexcept nogil:
-    """Write forces, the gradients of weights (W,) times the fields by the key points; none of a point on a segment.
+    """Compute the forces, weight × ∂φ/∂(key point), for weights (W,). They are 0 for a point on a segment.
 
-    ∂φ/∂a = c e₁ − κ (b − a),  ∂φ/∂b = c e₂ + κ (b − a); by arc length ℓ times that, and ∓φ (b − a)/ℓ.
+    ∂φ/∂a = c e₁ − κ (b − a) and ∂φ/∂b = c e₂ + κ (b − a), with the unit vectors e₁ and e₂ from the ends a and b to the
+    point. If links are weighted by length, both are multiplied by ℓ, and ∓φ (b − a)/ℓ is added.
     """
     cdef Py_ssize_t link, b, x, k, i, j
     cdef const double *u
@@ -307,7 +311,7 @@ cdef void _write_forces(
         for x in range(3):
             for b in range(lanes):
                 ends[W * x + b] = rays.places[W * (3 * j + x) + b] - rays.places[W * (3 * i + x) + b]
-        # As `half_gap`.
+        # The formula of `half_gap` without branches, so that compilers vectorize the loop.
         for b in range(lanes):
             w0 = u[W + b] * v[2 * W + b] - u[2 * W + b] * v[W + b]
             w1 = u[2 * W + b] * v[b] - u[b] * v[2 * W + b]
@@ -322,7 +326,7 @@ cdef void _write_forces(
             gap[b] = 1.0 if touching else half
             theta[b] = min(length[b] * (d1[b] + d2[b] + length[b]) / gap[b], LARGEST)
         _log1p_each(theta, rays.mantissa, rays.power, lanes)
-        # As `gradient_terms`.
+        # The formula of `gradient_terms` without branches, so that compilers vectorize the loop.
         for b in range(lanes):
             S, c, square = d1[b] + d2[b], 1.0 / gap[b], length[b] * length[b]
             phi, ratio = theta[b] / length[b], length[b] / S
@@ -362,7 +366,7 @@ cdef void _write_forces(
 cdef void _jacobian_transpose_product(
     const Skeleton *s, Py_ssize_t lanes, Frames frames, const double *forces, Forces room
 ) noexcept nogil:
-    """Write gradients by the joints of forces (K, 3, W) at the key points; see `KeyPointTable`."""
+    """Compute Jᵀf by the joints for forces f (K, 3, W) at the key points; see `KeyPointTable`."""
     cdef Py_ssize_t k, x, y, z, b, i
     cdef double *wrench = room.wrench
     cdef double *own
@@ -408,10 +412,10 @@ cdef void _jacobian_transpose_product(
 
 
 cdef void _log1p_each(double *x, double *mantissa, double *power, Py_ssize_t number) noexcept nogil:
-    """Replace so many of `x`, 0 ≤ x < ∞, by log(1 + x), in loops that processors run by lanes.
+    """Replace the first numbers of `x`, 0 ≤ x < ∞, by log(1 + x), in loops that compilers vectorize.
 
     With 1 + x = 2ᵏ(1 + f), √½ ≤ 1 + f < √2, and s = f/(2 + f) it is k log 2 + 2 atanh s, for which a polynomial in s²
-    is good to the last digits (fdlibm's `e_log.c`). f is x itself where k = 0: small x lose nothing.
+    is accurate to rounding (fdlibm's `e_log.c`). For k = 0, f is x, so small x keep their relative accuracy.
     """
     cdef Py_ssize_t j
     cdef int64_t *bits = <int64_t *> mantissa
@@ -434,7 +438,7 @@ cdef void _log1p_each(double *x, double *mantissa, double *power, Py_ssize_t num
         x[j] = power[j] * LN2 + s * (2.0 + series)
 
 
-# ------------------------------------------------------------------------------------ many points from one skeleton
+# ------------------------------------------------------------------------------ one configuration and many points
 
 # A block of points: points (3, BLOCK), θ of a link and room for its logarithm (BLOCK,), distances (K, BLOCK).
 cdef struct Block:
@@ -458,7 +462,7 @@ cdef void _potentials(
     const double *places, const Skeleton *s, const PointRange *points, double *levels, Py_ssize_t room, bint summed,
     void *memory,
 ) noexcept nogil:
-    """See `LaneFunctions.potentials`; of each link eq. (7), or their sum, eq. (5)."""
+    """See `LaneFunctions.potentials`. Writes eq. (7) of the paper for each link, or the sum over links, eq. (5)."""
     cdef Block block = _block(memory)
     cdef Py_ssize_t begin = points.begin, end = points.end, first, number, lanes, link, a, b, j
     cdef double length, scale
@@ -480,7 +484,7 @@ cdef void _potentials(
 
 
 cdef double _length(const double *a, const double *b) noexcept nogil:
-    """Return ℓ > 0."""
+    """Return the length of a link [m], at least `ZERO`."""
     cdef double x = b[0] - a[0], y = b[1] - a[1], z = b[2] - a[2]
     return max(sqrt(x * x + y * y + z * z), ZERO)
 
@@ -489,10 +493,10 @@ cdef Py_ssize_t _take_points(
     const double *places, Py_ssize_t K, const double *columns, Py_ssize_t stride, Py_ssize_t begin, Py_ssize_t number,
     Block block,
 ) noexcept nogil:
-    """Copy a block of points, and write their distances (K, ·) from all key points.
+    """Copy a block of points, and compute their distances (K, ·) from all key points.
 
-    The last point is repeated up to a whole number of lanes, which is returned: loops over what is left after these
-    would take as long as many lanes together.
+    The last point is repeated to fill the last group of lanes, because a scalar loop over the remainder took as long as
+    many groups. Return the padded number of points.
     """
     cdef Py_ssize_t lanes = min(<Py_ssize_t> BLOCK, (number + W - 1) // W * W), x, j, k
     cdef double *copies
@@ -517,7 +521,7 @@ cdef Py_ssize_t _take_points(
 cdef void _angles(
     const double *places, Py_ssize_t start, Py_ssize_t end, double length, Block block, Py_ssize_t number
 ) noexcept nogil:
-    """Write θ = log(1 + 2ℓ/(S − ℓ)) of a link at a block of points."""
+    """Compute θ = log(1 + 2ℓ/(S − ℓ)) of a link at a block of points."""
     cdef double *theta = block.theta
     cdef const double *first = block.distances + BLOCK * start
     cdef const double *last = block.distances + BLOCK * end
@@ -536,7 +540,7 @@ cdef void _restore_digits(
     const double *a, const double *b, const double *first, const double *last, double length, Block block,
     Py_ssize_t number,
 ) noexcept nogil:
-    """Replace what cancels in 2ℓ/(S − ℓ) by ℓ (S + ℓ)/((S² − ℓ²)/2); 0 on the segment."""
+    """Where S − ℓ cancels, recompute 2ℓ/(S − ℓ) as ℓ (S + ℓ)/((S² − ℓ²)/2). Write 0 on the segment."""
     cdef double *ratios = block.theta
     cdef double u[3]
     cdef double v[3]
@@ -551,7 +555,7 @@ cdef void _restore_digits(
 
 
 cdef void _mark_contacts(const double *first, const double *last, double *theta, Py_ssize_t number) noexcept nogil:
-    """Let θ be infinite on the segment, and what is not a number stay none."""
+    """Set θ to infinity on the segment, and keep NaN."""
     cdef Py_ssize_t j
     cdef double S
     for j in range(number):
@@ -562,11 +566,12 @@ cdef void _mark_contacts(const double *first, const double *last, double *theta,
             theta[j] = INFINITY
 
 
-# ------------------------------------------------------------------------------- the highest level at configurations
+# ------------------------------------------------------------------------------- the maximum danger at configurations
 
-# Room for the highest levels at configurations side by side. Points (3, N) and distances from key points (K, N) in
-# single precision, N a multiple of CHUNK; upper bounds of levels (W, N), and the highest of each chunk of these as
-# bits, (W, N/CHUNK); of each configuration the best point so far, its level, and what level counts, (W,).
+# Working memory for the maximum danger at W configurations. In single precision: N points (3, N), N a multiple of
+# CHUNK, their distances from key points (K, N), and upper bounds of their danger (W, N); the largest bound of each
+# chunk, as bits (W, N/CHUNK). For each configuration (W,): the most dangerous point so far, its danger, and the danger
+# from which a point is a candidate.
 cdef struct Peaks:
     Py_ssize_t padded
     float *single
@@ -579,15 +584,15 @@ cdef struct Peaks:
 
 
 cdef Py_ssize_t _peaks_size(Py_ssize_t K, Py_ssize_t M) noexcept nogil:
-    """Return how many numbers `_peaks` takes."""
+    """Return the number of doubles that `_peaks` allocates."""
     cdef Py_ssize_t padded = (M + CHUNK - 1) // CHUNK * CHUNK
     return (3 + K + W) * padded + W * padded // CHUNK + 3 * W
 
 
 cdef Peaks _peaks(Py_ssize_t K, const Points *points, double **memory) noexcept nogil:
-    """Return room for configurations, and the points.
+    """Allocate memory for the maximum danger, and copy the points.
 
-    The last column is repeated up to whole chunks: what is left after these would take as long as many of them.
+    The last point is repeated to fill the last chunk (see `_take_points`).
     """
     cdef Peaks peaks
     cdef Py_ssize_t M = points.M, N = (M + CHUNK - 1) // CHUNK * CHUNK, x, k
@@ -606,13 +611,13 @@ cdef Peaks _peaks(Py_ssize_t K, const Points *points, double **memory) noexcept 
 cdef void _upper_bounds(
     const Skeleton *s, Frames frames, Py_ssize_t lane, double reach, const Peaks *peaks, float *out
 ) noexcept nogil:
-    """Write upper bounds (N,) of the field at points in single precision, an eighth of the work of `potentials`.
+    """Compute upper bounds (N,) of the field in single precision. This takes an eighth of the time of `_potentials`.
 
-    As log(1 + r) ≤ r (6 + r)/(6 + 4r), and r = 2ℓ/g with the gap g = S − ℓ, the field of a link is no larger than
-    2 (3g + ℓ)/(g (3g + 4ℓ)); it falls with g. No coordinate of a point or key point is larger than R, those of points
-    no larger than `reach`. So each difference of two coordinates is off by 3uR at most, u = 2⁻²⁴, the distance of two
-    points by √3·3uR + 4u·√12 R < 20uR, and S − ℓ by less than 64uR, by which the gap is taken too small. What comes
-    after that has relative errors of less than 16u, and u more for each link.
+    log(1 + r) ≤ r (6 + r)/(6 + 4r), and r = 2ℓ/g with the gap g = S − ℓ. So the field of a link is at most
+    2 (3g + ℓ)/(g (3g + 4ℓ)), which decreases with g. Let R be the largest absolute coordinate of points (`reach`) and
+    key points, and u = 2⁻²⁴. The error of a difference of coordinates is at most 3uR, that of a distance at most
+    √3·3uR + 4u·√12 R < 20uR, and that of S − ℓ less than 64uR. Therefore the computed gap is reduced by 64uR. The
+    remaining operations have a relative error below (16 + L) u, for which the constant `two` has twice the margin.
     """
     cdef Py_ssize_t N = peaks.padded, k, m, link
     cdef float x, y, z, dx, dy, dz, length, taken, weight, gap, wide, bound
@@ -645,7 +650,7 @@ cdef void _upper_bounds(
 
 
 cdef void _bound(const Skeleton *s, Frames frames, const Points *points, Py_ssize_t lane, Peaks *peaks) noexcept nogil:
-    """Write upper bounds of all levels at the configuration in a lane; the point with the highest one is best."""
+    """Compute upper bounds of the danger of all points at one configuration; the largest gives the first candidate."""
     cdef Py_ssize_t N = peaks.padded, M = points.M, k, c, likely = 0, best
     cdef float *bounds = peaks.bounds + N * lane
     cdef const uint32_t *bits = <const uint32_t *> bounds
@@ -669,7 +674,7 @@ cdef void _bound(const Skeleton *s, Frames frames, const Points *points, Py_ssiz
     peaks.best[lane], peaks.peak[lane], peaks.least[lane] = best, -INFINITY, -INFINITY
 
 
-# Where to go on looking for candidates: in a lane, from a chunk on.
+# The lane and the chunk at which the search for candidates continues.
 cdef struct Cursor:
     Py_ssize_t lane
     Py_ssize_t chunk
@@ -678,9 +683,9 @@ cdef struct Cursor:
 cdef Py_ssize_t _candidates(
     Py_ssize_t M, Py_ssize_t count, Cursor *at, const double *high, const Peaks *peaks, Rays rays
 ) noexcept nogil:
-    """Write which of M points, from a cursor on, may have a level that counts; return how many.
+    """Collect points of M, from the cursor on, whose upper bound reaches the threshold. Return their number.
 
-    The best points, and those that are high, (M,) unless NULL, are known already.
+    Points that were evaluated before are skipped: the best points, and points with `high` > 0, (M,) or NULL.
     """
     cdef Py_ssize_t number = 0, N = peaks.padded, chunks = peaks.padded // CHUNK, k, best
     cdef const float *bounds
@@ -710,10 +715,10 @@ cdef int _highest(
 ) noexcept nogil:
     """See `LaneFunctions.highest`.
 
-    Levels are computed where a bound in single precision does not tell that they are lower.
+    The danger is computed in double precision only for points whose bound in single precision reaches the threshold.
     """
     cdef Py_ssize_t m = s.m, K = s.K, M = points.M, first, count, filled, lane, number, lanes, b, k, i, point
-    # Each of some forty arrays may be rounded up by 7 numbers.
+    # The alignment of each of about 40 arrays wastes at most 7 doubles.
     cdef Py_ssize_t numbers = (
         _frames_size(s) + _rays_size(s) + _forces_size(s) + _peaks_size(K, M) + W + 3 * K + 64 * 8
     )
@@ -761,7 +766,7 @@ cdef int _highest(
             if number == 0 and not counting and high != NULL:
                 counting, at = True, Cursor(0, 0)
                 for lane in range(count):
-                    # A share of zero of an infinite level, as on a link, would be no number.
+                    # On a link the danger is infinite, and a share of 0 would give NaN.
                     peaks.least[lane] = others.least
                     if others.share > 0.0:
                         peaks.least[lane] = max(others.share * peaks.peak[lane], others.least)
@@ -788,7 +793,7 @@ cdef int _gradients(
     const Skeleton *s, const double *values, Py_ssize_t B, const Points *points, const Py_ssize_t *chosen,
     const double *weights, Py_ssize_t J, double *out,
 ) noexcept nogil:
-    """See `LaneFunctions.gradients`; points on a link have no gradient."""
+    """See `LaneFunctions.gradients`. Points on a link have the gradient 0."""
     cdef Py_ssize_t m = s.m, K = s.K, first, count, lanes, begin, number, rows, b, k, i
     cdef Py_ssize_t numbers = _frames_size(s) + _rays_size(s) + _forces_size(s) + W + 3 * W * K + 64 * 8
     cdef double *memory = <double *> malloc(numbers * sizeof(double))

@@ -11,21 +11,22 @@ E² = m² + g² = (m + ig)(m − ig), and t − σ = (u − 1/u)g/2
     A = ∫ dt/X = [log u]₀¹,    J = ∫ dt/(X(t−z)) = L/E,    L = [log(u − u₊) − log(u − u₋)]₀¹,    u± = (−m ± E)/g,
     I = (√c₂/ℓ²)(A + Im(E²J)/h).
 
-u is real and u± is not, so that no logarithm crosses its branch cut; u₊u₋ = −1 gives the smaller root without
-cancellation. h, g and c₂ have floors so small that they change the integrals by less than 1e-8 of themselves: beyond
-the ends of a link's line, for a link that turns about a point of its own line, and for one that hardly turns.
+u is real and u± is not, so no logarithm crosses its branch cut. u₊u₋ = −1 gives the smaller root without
+cancellation. h, g and c₂ have lower bounds, which change the integrals by relative errors below 1e-8. They matter for
+points on the extension of a link, for a link that rotates about a point of its own line, and for a link that hardly
+rotates.
 
-The largest danger of many points is found without closed forms at most of them. Points lie in groups of neighbours. Of
-a ball of radius r whose centre c is D > r from a link, whose points are no faster than V, every point p is D − r = R
-away at least: with U = φ(c)D/R
+The maximum danger of many points needs the closed forms at few of them. Neighbouring points are grouped in balls. Let a
+ball of radius r have a centre c at the distance D > r from a link, and let the points of the link be at most as fast as
+V. Then every point p of the ball is at least D − r = R away from the link, and with U = φ(c)D/R
 
     φ(p) ≤ U,    φ̇(p) ≤ φ̇(c) + 2rVU/R²,    I(p) ≤ I(c) + 2rVU/R²,
 
-as the ray's change moves 1/ρ² by no more than 2/ρ³. And as ‖v(t)‖ ≤ (1−t)‖v_a‖ + t‖v_b‖ and 1/ρ² ≤ 1/(Dρ)
+because the gradient of 1/ρ² has a norm of at most 2/ρ³. Since ‖v(t)‖ ≤ (1−t)‖v_a‖ + t‖v_b‖ and 1/ρ² ≤ 1/(Dρ),
 
     I(c) ≤ [‖v_a‖ φ + (‖v_b‖ − ‖v_a‖)((d_b − d_a)/ℓ² + sφ)]/D,    s = (c − a)·w/ℓ²,
 
-d_a and d_b the distances from the link's ends. A point is a ball of radius 0: what is left of its bound then is I.
+where d_a and d_b are the distances from the link's ends. A point is a ball of radius 0; then only I is a bound.
 """
 
 from libc.math cimport INFINITY, atan2, copysign, fabs, hypot, log, log1p, sqrt
@@ -41,19 +42,19 @@ import numpy as np
 
 from safe_ompl.common import InputError
 
-# Floors of h, in distances from the segment; of c₂, in squared speeds; and of g.
+# Lower bounds: of h relative to the distance from the segment, of c₂ relative to the squared speed, and of g.
 cdef double BESIDE = 3e-5
 cdef double TURNING = 1e-10
 cdef double SHARP = 1e-9
-# Relative rounding of closed forms.
+# Relative rounding error of the closed forms.
 cdef double CLOSED_FORM_ROUNDING = 1e-7
-# Bounds are taken for more by this factor, for rounding.
+# Bounds are multiplied by this, because of rounding errors.
 cdef double SLACK = 1 + 1e-7
-# Where (S² − ℓ²)/S² is below this, too many digits of it are lost, so the bound is infinite.
+# If (S² − ℓ²)/S² is below this, cancellation is too large, and the bound is infinite.
 cdef double LOST = 1e-7
-# Links that are shorter than this are as good as a point [m].
+# Links shorter than this are treated as points [m].
 cdef double SHORT = 1e-6
-# Links that become longer by no more than this, relative to their length and speed, count as rigid.
+# Links that become longer by at most this, relative to their length and speed, count as rigid.
 cdef double RIGID = 1e-9
 
 
@@ -67,7 +68,7 @@ cdef inline double _cross_norm(const double *u, const double *v) noexcept nogil:
 
 
 cdef inline void _subtract(const double *a, const double *b, double *out) noexcept nogil:
-    """Write a − b (3,)."""
+    """Compute a − b (3,)."""
     cdef Py_ssize_t x
     for x in range(3):
         out[x] = a[x] - b[x]
@@ -81,7 +82,7 @@ cdef struct GradientTerms:
 
 
 cdef GradientTerms _gradient_terms(double length, double S, double half) noexcept nogil:
-    """Return φ, c, and κ = (2/S³) Σ_k 2k/(2k+1) y^(k−1), y = (ℓ/S)², for short links as that series."""
+    """Return φ, c and κ. For short links κ is the series (2/S³) Σ_k 2k/(2k+1) y^(k−1), y = (ℓ/S)²."""
     cdef double c = 1.0 / half, phi, y = length / S, total = 0.0, power = 1.0
     cdef int k
     phi = log1p(length * (S + length) * c) / length
@@ -97,7 +98,7 @@ cdef GradientTerms _gradient_terms(double length, double S, double half) noexcep
 cdef void _kappa_slopes(
     double length, double S, double c, double kappa, double *by_S, double *by_length
 ) noexcept nogil:
-    """Write ∂κ/∂S and ∂κ/∂ℓ; for short links by the series (2/S³) Σ_k 2k(k − 1)/(2k + 1) y^(k−2)."""
+    """Compute ∂κ/∂S and ∂κ/∂ℓ; for short links by the series (2/S³) Σ_k 2k(k − 1)/(2k + 1) y^(k−2)."""
     cdef double y = length / S, squared = length * length, slope = 0.0, power = 1.0
     cdef int k
     y = y * y
@@ -171,7 +172,7 @@ cdef struct Isotropic:
 
 
 cdef Isotropic _isotropic(const double *u, const double *w, const double *va, const double *D) noexcept nogil:
-    """Return the part of the field that grows with speed, whatever the direction."""
+    """Return I, the part of the field that depends on the speed and not on the direction of motion."""
     cdef double squared = max(_dot(w, w), ZERO), s = _dot(u, w) / squared, h = _cross_norm(u, w) / squared
     cdef double beyond = max(max(-s, s - 1.0), 0.0), c0, c1, c2, turning, sigma, area, g, x0, x1, r0, r1, u0, u1, A
     cdef double ratio, value, M0, M1, M2
@@ -226,7 +227,7 @@ cdef Terms _link_terms(
     const double *u, const double *v, const double *w, const double *va, const double *vb, const double *D,
     bint isotropic,
 ) noexcept nogil:
-    """Return φ, φ̇ and I (0 unless wanted) of one link, u = p − a and v = p − b; +inf on the link."""
+    """Return φ, φ̇ and I (0 if not wanted) of one link, with u = p − a and v = p − b; infinity on the link."""
     cdef double d1 = sqrt(_dot(u, u)), d2 = sqrt(_dot(v, v)), half = half_gap(u, v, d1, d2), length, rate
     cdef GradientTerms terms
     if half <= 0.0 or d1 == 0.0 or d2 == 0.0:
@@ -240,7 +241,10 @@ cdef Terms _link_terms(
 cdef Terms _link_sums(
     const double *places, const double *velocities, const Skeleton *s, const double *point, bint isotropic
 ) noexcept nogil:
-    """Return Σφ, Σφ̇ and ΣI (0 unless wanted) over the links at a point (3,), of key points (K, 3); +inf on a link."""
+    """Return Σφ, Σφ̇ and ΣI (0 if not wanted) over the links at a point (3,), for key points (K, 3).
+
+    The values are infinite on a link.
+    """
     cdef double w[3]
     cdef double D[3]
     cdef double u[3]
@@ -431,7 +435,7 @@ cdef void _add_gradients(
 
 
 class CellMotions(NamedTuple):
-    """How the K key points of a skeleton move in N cells, pieces of a curve q(s).
+    """Motions of the K key points of a skeleton in N cells, which are pieces of a curve q(s).
 
     Parameters
     ----------
@@ -542,7 +546,7 @@ def cell_bounds(
 cdef void _add_cell_bounds(
     const CellMotion *cell, const double *point, double gamma, int detail, double *level, double *coefficient
 ) noexcept nogil:
-    """Add the bounds of all links in a cell; with more detail they are better and take longer."""
+    """Add the bounds of all links in a cell. With more detail they are tighter and take longer."""
     cdef const Skeleton *s = cell.skeleton
     cdef const double *places = cell.places
     cdef const double *velocities = cell.velocities
@@ -593,8 +597,8 @@ cdef void _add_cell_bounds(
         coefficient[0] += swift * (high if swift > 0 else low)
 
 
-# Balls whose centres are columns (3, stride), that of ball 0 the one at `offset`; radii NULL: points. `tops` is the
-# largest point weight of each, and `bounds` takes levels that they do not exceed.
+# Balls with centres in the columns (3, stride) from `offset` on; radii NULL: points. `tops` holds the largest point
+# weight of each ball, and `bounds` receives upper bounds of the danger.
 cdef struct Balls:
     const double *columns
     Py_ssize_t stride
@@ -608,7 +612,7 @@ cdef struct Balls:
 cdef struct BoundMemory:
     # Fields of the links, and of the key points distances [m] and ρ·v/‖ρ‖ [m/s], (L + 2K, width).
     double *rows
-    # The most balls, or points, that are bounded at once.
+    # Largest number of balls or points that are bounded at once.
     Py_ssize_t width
     # Memory of `LaneFunctions.potentials`.
     void *of_lanes
@@ -617,7 +621,7 @@ cdef struct BoundMemory:
 cdef void _bound(
     const Motion *motion, const Balls *balls, Py_ssize_t begin, Py_ssize_t end, const BoundMemory *memory
 ) noexcept nogil:
-    """Write for each of a run of balls, or of points, a level that it does not exceed."""
+    """Compute upper bounds of the danger of consecutive balls or points."""
     cdef const Skeleton *s = motion.skeleton
     cdef const double *places = motion.places
     cdef const double *velocities = motion.velocities
@@ -708,7 +712,7 @@ def highest(
     SkeletonTable skeleton not None, const double[:, ::1] values, const double[:, ::1] rates, groups, double ahead,
     double spread,
 ):
-    """Return the largest level weight·Σ(φ + ahead·φ̇ + spread·I) (B,), and of which point.
+    """Return the maximum danger weight·Σ(φ + ahead·φ̇ + spread·I) (B,), and the indices of the points (B,).
 
     Besides them places and velocities of the key points (B, K, 3). Joints have `values` and `rates` (B, m); `ahead` and
     `spread` are in seconds. The `groups` are M ≥ 1 danger points in G groups: columns (3, M + G), the points and a
@@ -764,7 +768,7 @@ cdef double _highest_level(
     const Motion *motion, Balls *balls, Balls *alone, const Py_ssize_t *begins, Py_ssize_t G,
     const BoundMemory *memory, Py_ssize_t *best,
 ) noexcept nogil:
-    """Return the largest level at one configuration, and write of which point."""
+    """Return the maximum danger at one configuration, and write the index of the point."""
     cdef Py_ssize_t group, first, last, point, x
     cdef double peak = -INFINITY, level
     cdef double place[3]

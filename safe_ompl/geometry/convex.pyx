@@ -1,12 +1,12 @@
-"""Bounds of the distance of two convex bodies, from their supports along an axis, and of one from a solid of cells.
+"""Bounds of the distance of two convex bodies by their support functions, and of a convex body and a solid of cells.
 
-A body is the Minkowski sum of the convex hull of vertices, a box, a disc about its z axis and a ball, in a frame of its
-own: so are boxes, spheres, capsules, cylinders and polytopes. Its support in a direction n is the sum of theirs,
+A body is the Minkowski sum of the convex hull of vertices, a box, a disc about its z axis and a ball, in its own frame.
+Boxes, spheres, capsules, cylinders and polytopes have this form. The support function is the sum of the supports,
 
     h(n) = max_k n·v_k + Σ_i |n_i| b_i + ρ √(n_x² + n_y²) + r.
 
-For any unit axis n that points from body B to body A their distance is at least −h_A(−n) − h_B(n), the width of the
-slab that separates them. A search only decides how good that bound is, never whether it holds.
+For any unit axis n from body B to body A the distance is at least −h_A(−n) − h_B(n), the width of the slab that
+separates them. The bound holds for every axis; the search for an axis only makes it tight.
 """
 
 from libc.math cimport fabs
@@ -23,7 +23,8 @@ BODY = np.dtype(
         # The body's frame in that of the joint.
         ("rotation", np.float64, (3, 3)),
         ("translation", np.float64, (3,)),
-        # In the body's frame, a ball that holds it, and half the sides of a box with the same centre that does [m].
+        # In the body's frame: centre and radius of the bounding ball, half sides of the bounding box with this centre
+        # [m].
         ("centre", np.float64, (3,)),
         ("reach", np.float64),
         ("extent", np.float64, (3,)),
@@ -31,11 +32,11 @@ BODY = np.dtype(
         ("box", np.float64, (3,)),
         ("disc", np.float64),
         ("ball", np.float64),
-        # The grid of the lists of its vertices, see `extreme_vertices`, and its first list.
+        # The size of the grid of vertex lists, see `extreme_vertices`, and the index of the body's first list.
         ("grid", np.intp),
         ("first_cell", np.intp),
-        # Of a solid of cells: the body that is a cell of the lowest level, and the first node of the solid's tree.
-        # Both are 0 where the body is no solid.
+        # For a solid of cells: the body of a cell of the lowest level, and the first node of the solid's tree.
+        # Both are 0 if the body is no solid.
         ("levels", np.intp),
         ("root", np.intp),
     ],
@@ -46,14 +47,14 @@ NODE = np.dtype(
         # The centre of a cell in the frame of the solid.
         ("centre", np.float64, (3,)),
         ("level", np.intp),
-        # How many nodes the cell and those in it are, which follow it.
+        # The number of nodes of the subtree, which follows the node.
         ("size", np.uintp),
     ],
     align=True,
 )
 POSE = np.dtype(
     [
-        # Of a body in the world, and the centre of the ball that holds it.
+        # The pose of a body in the world, and the centre of its bounding ball.
         ("rotation", np.float64, (3, 3)),
         ("origin", np.float64, (3,)),
         ("centre", np.float64, (3,)),
@@ -61,24 +62,24 @@ POSE = np.dtype(
     align=True,
 )
 
-# The search for an axis ends after so many steps. A bound as good as TIGHT of the distance is not improved any more;
-# where the nearest points are wanted, one as good as EXACT.
+# The search for an axis ends after STEPS steps, or if the lower bound is at least the share TIGHT of the upper one, or
+# EXACT if the nearest points are wanted.
 cdef enum:
     STEPS = 32
 cdef double TIGHT = 0.9
 cdef double EXACT = 1.0 - 1e-6
-# Bodies that are not farther apart than this count as overlapping [m].
+# Bodies at most this far apart count as overlapping [m].
 cdef double OVERLAPPING = 1e-12
-# Cells of solids above this level are looked at by balls and boxes only.
+# Cells of solids above this level are only bounded by balls and boxes.
 cdef enum:
     HIGHEST_LEVEL = 3
     # More cells along a side of the grid of a body's lists would take 6·1024² lists.
     MOST_CELLS = 1024
-# Cells that are smaller than this share of the distance beyond `least` are not divided where bounds need not be tight.
+# If bounds need not be tight, cells smaller than this share of the distance beyond `least` are not divided.
 cdef double FINE = 0.3
 # Triangles in which the squared sine of an angle is below this count as segments.
 cdef double FLAT = 1e-12
-# Cells of lists of vertices overlap by this, so that a direction on their border may be looked up in either.
+# Cells of vertex lists overlap by this, so that a direction on a border may be looked up in either cell.
 cdef double CELL_OVERLAP = 1e-9
 
 
@@ -152,10 +153,10 @@ cdef class ShapeTable:
         return poses
 
     def distance_bounds(self, Py_ssize_t a, Py_ssize_t b, axis, double enough, double least):
-        """Return bounds [m] of the distance of two bodies that no joint carries: the lower one, and the upper one.
+        """Return the lower and the upper bound [m] of the distance of two bodies that no joint carries.
 
-        The search begins along an axis (3,), and ends where the lower bound is `enough` [m], or the upper one below
-        `least`.
+        The search begins with an axis (3,), and ends if the lower bound is at least `enough` [m], or the upper bound is
+        below `least`.
         """
         cdef Bodies bodies = self.data
         cdef Search search
@@ -170,7 +171,7 @@ cdef class ShapeTable:
         return found.lower, found.upper
 
     def support(self, Py_ssize_t g, direction):
-        """Return the point (3,) [m] of a body that no joint carries, without its ball, that is farthest that way."""
+        """Return the support point (3,) [m] of a body that no joint carries, without its ball."""
         cdef Bodies bodies = self.data
         cdef Vector found, way = _vector("direction", direction)
         self._check_body(g)
@@ -188,10 +189,10 @@ cdef class ShapeTable:
         self, const double[:, ::1] centers, const double[:, ::1] axes, const double[::1] radii,
         const double[::1] half_lengths,
     ):
-        """Return how far (G, m) [m] bodies that no joint carries are from m axes at most, wherever these may be.
+        """Return bounds (G, m) [m] of the largest distances of bodies that no joint carries from m axes.
 
-        Axes are somewhere on cylinders about unit `axes: (m, 3)` through `centers: (m, 3)`, of such `radii: (m,)` and
-        half lengths [m], as the ends of their links are; of infinite length: at their centers.
+        The axes may be anywhere on cylinders about unit `axes: (m, 3)` through `centers: (m, 3)`, with `radii: (m,)`
+        and half lengths [m], as the ends of their links. If a half length is infinite, the axis is at its center.
         """
         cdef Py_ssize_t m = axes.shape[0], g, k, i, first, last, corners
         if centers.shape[0] != m or radii.shape[0] != m or half_lengths.shape[0] != m:
@@ -228,7 +229,7 @@ cdef class ShapeTable:
 
 
 cdef int _check_node(const Node[::1] nodes, Py_ssize_t k) except -1:
-    """Raise InputError unless a node and those below it, which follow it, are a tree of falling levels."""
+    """Raise InputError unless a node and its descendants, which follow it, are a tree of decreasing levels."""
     cdef size_t below = nodes.shape[0] - k - 1, child, end
     if not (0 < nodes[k].size <= below + 1 and nodes[k].level >= 0 and (nodes[k].level == 0) == (nodes[k].size == 1)):
         raise InputError(f"node {k} has level {nodes[k].level} and size {nodes[k].size}, and {below} nodes follow")
@@ -248,12 +249,12 @@ cdef Vector _vector(str name, given) except *:
 
 
 cdef inline double _coordinate(const Body *body, Py_ssize_t k, double x, double y, double z) noexcept nogil:
-    """Return a coordinate in the frame that carries a body of a point in the body's frame."""
+    """Return a coordinate of a point of the body's frame, in the frame that carries the body."""
     return body.rotation[k][0] * x + body.rotation[k][1] * y + body.rotation[k][2] * z + body.translation[k]
 
 
 cdef inline Vector support(const Bodies *bodies, Py_ssize_t g, double x, double y, double z) noexcept nogil:
-    """Return the point of a body, without its ball, that is farthest in the direction (x, y, z) of the world."""
+    """Return the support point of a body, without its ball, in the direction (x, y, z) of the world."""
     cdef const Body *body = &bodies.body[g]
     cdef const Pose *pose = &bodies.pose[g]
     cdef double a = pose.rotation[0][0] * x + pose.rotation[1][0] * y + pose.rotation[2][0] * z
@@ -286,10 +287,10 @@ cdef inline Vector support(const Bodies *bodies, Py_ssize_t g, double x, double 
 cdef Bounds distance_bounds(
     const Bodies *bodies, Py_ssize_t a, Py_ssize_t b, Search *search, double enough, double least, bint exact
 ) noexcept nogil:
-    """Return a lower and an upper bound of the distance [m] of bodies a and b; −∞ as the upper one if they overlap.
+    """Return a lower and an upper bound of the distance [m] of bodies a and b. If they overlap, the upper one is −∞.
 
-    The algorithm of Gilbert, Johnson and Keerthi. It begins with the search's axis from b to a, and ends as soon as the
-    lower bound is `enough`, or tight and above `least`, or the upper one is not above `least`; the best axis is left in
+    The algorithm of Gilbert, Johnson and Keerthi. It begins with the search's axis from b to a. It ends if the lower
+    bound is `enough`, or tight and above `least`, or if the upper bound is at most `least`. The best axis is stored in
     the search. If the bounds are to be `exact` they are tight to a millionth, and the simplex has points of a − b, each
     beside the point of a, without its ball. Body b may be a solid of cells.
     """
@@ -301,7 +302,7 @@ cdef Bounds distance_bounds(
 cdef Bounds _convex_bounds(
     const Bodies *bodies, Py_ssize_t a, Py_ssize_t b, Search *search, double enough, double least, bint exact
 ) noexcept nogil:
-    """Return what `distance_bounds` does of two convex bodies."""
+    """Compute the result of `distance_bounds` for two convex bodies."""
     cdef double balls = bodies.body[a].ball + bodies.body[b].ball, tight = EXACT if exact else TIGHT
     cdef double lower = -INFINITY, upper = INFINITY, bound, between, u, v, w
     cdef Vector axis = Vector(search.axis[0], search.axis[1], search.axis[2]), p, q
@@ -342,7 +343,7 @@ cdef void _place_cell(const Node *node, const Pose *solid, Pose *pose) noexcept 
 
 
 cdef size_t _likely_cell(const Node *nodes, size_t root, const Pose *solid, const double *point) noexcept nogil:
-    """Return a cell of the lowest level that may be near a point of the world: on each level the nearest one."""
+    """Return a cell of the lowest level near a point of the world: the nearest cell on each level is followed."""
     cdef double x = point[0] - solid.origin[0], y = point[1] - solid.origin[1], z = point[2] - solid.origin[2]
     cdef double a = solid.rotation[0][0] * x + solid.rotation[1][0] * y + solid.rotation[2][0] * z
     cdef double b = solid.rotation[0][1] * x + solid.rotation[1][1] * y + solid.rotation[2][1] * z
@@ -365,10 +366,10 @@ cdef size_t _likely_cell(const Node *nodes, size_t root, const Pose *solid, cons
 cdef Bounds _cell_bounds(
     const Bodies *bodies, Py_ssize_t a, Py_ssize_t b, Search *search, double enough, double least, bint exact
 ) noexcept nogil:
-    """Return what `distance_bounds` does of a convex body and a solid of cells.
+    """Compute the result of `distance_bounds` for a convex body and a solid of cells.
 
-    Cells that are not nearer than the nearest one so far are left out with all that are in them: by the balls about
-    both, the ball about one and the box about the other, and by GJK. A likely one is looked at before all others.
+    Cells that are not nearer than the nearest cell so far are skipped with their descendants, by bounding balls, by
+    ball and box, and by GJK. A cell that is probably near is evaluated first.
     """
     cdef const Body *body = &bodies.body[a]
     cdef const Pose *pose = &bodies.pose[a]
@@ -429,11 +430,11 @@ cdef Bounds _cell_bounds(
 cdef double distance_bound(
     const Bodies *bodies, Py_ssize_t a, Py_ssize_t b, Search *search, double enough
 ) noexcept nogil:
-    """Return a lower bound of the distance [m] of bodies a and b; −∞ for what is no number.
+    """Return a lower bound of the distance [m] of bodies a and b; −∞ instead of NaN.
 
-    The bound of the balls about both bodies comes first, then that of the box about b and the ball about a, then that
-    of `distance_bounds`. What is `enough` [m], or cannot be, is not improved any more. The search's best axis is kept
-    for the next call; zeros: there is none yet.
+    First the bounding balls are used, then the box of b and the ball of a, then `distance_bounds`. The search ends if a
+    bound is at least `enough` [m], or cannot become so large. The search's best axis is kept for the next call; zeros
+    mean no axis.
     """
     cdef const double *p = bodies.pose[a].centre
     cdef const double *q = bodies.pose[b].centre
@@ -450,7 +451,7 @@ cdef double distance_bound(
     return lower if lower == lower else -INFINITY
 
 
-# A point of a simplex, and the corners that it lies between as bits.
+# A point of a simplex, and the bits of the corners whose convex hull contains it.
 cdef struct Found:
     Vector point
     int between
@@ -499,7 +500,7 @@ cdef Found _in_triangle(double (*S)[EDGES], int i, int j, int k) noexcept nogil:
 
 
 cdef bint _hides(double (*S)[EDGES], int i, int j, int k, int opposite) noexcept nogil:
-    """Return whether the origin is not on the same side of the face of corners i, j and k as the fourth corner."""
+    """Return whether the face of corners i, j and k separates the origin from the fourth corner."""
     cdef double *a = S[i]
     cdef double *b = S[j]
     cdef double *c = S[k]
@@ -513,10 +514,9 @@ cdef bint _hides(double (*S)[EDGES], int i, int j, int k, int opposite) noexcept
 
 
 cdef int nearest_in_simplex(double (*simplex)[EDGES], int corners, Vector *nearest) noexcept nogil:
-    """Write the point of a simplex that is nearest to the origin; return how many corners it lies between.
+    """Compute the point of a simplex with `corners` corners nearest to the origin, as a combination of few corners.
 
-    The simplex has so many `corners`; those that the point lies between are moved to the front, with all that is in
-    their rows.
+    Return the number of these corners. Their rows are moved to the front.
     """
     cdef Found found, face
     cdef double least = INFINITY, square
@@ -547,7 +547,7 @@ cdef int nearest_in_simplex(double (*simplex)[EDGES], int corners, Vector *neare
 
 
 cdef inline Py_ssize_t cell_of(double x, double y, double z, Py_ssize_t grid) noexcept nogil:
-    """Return the cell of a direction: six sides (±x, ±y, ±z) of grid × grid cells; 0 where there is no grid."""
+    """Return the cell of a direction on six sides (±x, ±y, ±z) of grid × grid cells; 0 without a grid."""
     cdef double ax = fabs(x), ay = fabs(y), az = fabs(z), major = az, u = x, v = y
     cdef Py_ssize_t side = 4 if z > 0 else 5
     if grid == 0:
@@ -568,12 +568,12 @@ cdef inline Py_ssize_t _cell_along(double share, Py_ssize_t grid) noexcept nogil
 
 
 def extreme_vertices(const double[:, ::1] vertices, Py_ssize_t grid):
-    """Return where the list of each cell begins and the last one ends, (6g² + 1,), and the lists, indices (E,).
+    """Return the lists of candidates for the support vertex: offsets (6g² + 1,) of the cells, and indices (E,).
 
-    `vertices: (V, 3)` are any points, those inside their hull drop out; `grid` is g ≥ 1. The cube about the origin is
-    divided into cells, g × g on each side. The directions through a cell are the cone of its corners c_1 … c_4; a
-    vertex v that another one w beats in all of them, c_j·w ≥ c_j·v, need not be looked at there. The few that remain
-    are kept cell by cell: whatever the direction, the extreme vertex is in the list of its cell.
+    `vertices: (V, 3)` are any points; points inside the hull are left out. `grid` is g ≥ 1. The cube about the origin
+    has g × g cells on each side. The directions through a cell are the cone of its corners c_1 … c_4. A vertex v is
+    left out there if another vertex w has c_j·w ≥ c_j·v for all corners. So the support vertex of every direction is in
+    the list of its cell.
     """
     cdef Py_ssize_t V = vertices.shape[0], cells = 6 * grid * grid, number = 0, count, remaining
     cdef Py_ssize_t cell, side, row, column, j, k, n, other
@@ -626,7 +626,7 @@ cdef inline Vector _corner(Py_ssize_t side, double u, double v) noexcept nogil:
 
 
 cdef inline bint _beats(const double[:, ::1] heights, Py_ssize_t k, Py_ssize_t other) noexcept nogil:
-    """Return whether vertex k is as high as another one, or higher, in the directions of all corners."""
+    """Return whether vertex k is at least as high as another vertex in the directions of all corners."""
     return (
         heights[k, 0] >= heights[other, 0]
         and heights[k, 1] >= heights[other, 1]

@@ -1,9 +1,9 @@
-"""Proven lower bounds of the distance between convex hulls of points, and of whole motions among moving ones.
+"""Proven lower bounds of the distance between convex hulls, and between a moving robot and sets that grow.
 
-For any unit vector u the distance of two hulls A and B is at least min_A a·u − max_B b·u. Gilbert's algorithm finds a
-good u: z is a point of A − B, and w the point of A − B that lies farthest back along z. The next z is the point of the
-segment from z to w that is nearest to the origin. Every z bounds the distance from above, and every z·w/‖z‖ from below,
-so that most questions whether a distance is larger than some length end after one or two steps.
+For any unit vector u the distance of two hulls A and B is at least min_A a·u − max_B b·u. Gilbert's algorithm computes
+a good u. z is a point of A − B, and w is the point of A − B with the least z·w. The next z is the point of the segment
+from z to w that is nearest to the origin. ‖z‖ is an upper bound of the distance, and z·w/‖z‖ a lower bound. So whether
+a distance is larger than a given length is mostly decided after one or two steps.
 """
 
 from libc.math cimport INFINITY, sqrt
@@ -17,15 +17,15 @@ from safe_ompl.common import InputError
 
 cdef enum:
     STEPS = 60
-# Bounds of the largest distance along separating axes are as near as this to it [m].
+# The distance along a separating axis may be smaller than the largest one by this [m].
 cdef double COARSE = 1e-3
 # Bounds that are nearer than this to the distance are not improved [m].
 cdef double CLOSE = 1e-5
-# What rounding makes of the heights of vertices [m].
+# Bound of the rounding errors of the heights of vertices [m].
 cdef double ROUNDING = 1e-9
 
 
-# Frames of the m joints at the centres of N cells, and how far the G bodies get away from there [m].
+# Frames of the m joints at the centres of N cells, and bounds of the motion of the G bodies in each cell [m].
 cdef struct Frames:
     const double *rotations
     const double *origins
@@ -34,7 +34,7 @@ cdef struct Frames:
     Py_ssize_t m
 
 
-# The sets in which M bodies may be: points, their first ones, radii, and growth by g₀ + g₁t; see `ReachSets`.
+# Reach sets of M bodies: points, index of the first point of each body, radii, and growth g₀ + g₁t; see `ReachSets`.
 cdef struct Sets:
     const double *points
     const Py_ssize_t *first
@@ -43,14 +43,14 @@ cdef struct Sets:
     Py_ssize_t count
 
 
-# The squared path speeds at which contact is borne, of cell, body and set; `bearing` of the sets bear any.
+# The squared path speeds up to which contact is allowed, by cell, body and set, for the first `bearing` sets.
 cdef struct Borne:
     const double *squares
     const double *most
     Py_ssize_t bearing
 
 
-# The W windows of a motion: the cells in which the robot is, (W,), and until when it is there at the latest, (W,) [s].
+# The W windows of a motion: the cells of the robot (W,), and the latest times at which it leaves them (W,) [s].
 cdef struct Windows:
     const Py_ssize_t *at
     const double *until
@@ -65,7 +65,7 @@ cdef struct MarginLimits:
     bint stop_at_first
 
 
-# Where the least margin of a motion is, and how large it is [m].
+# The least margin of a motion [m], and where it is.
 cdef struct Worst:
     double margin
     Py_ssize_t window, body, who
@@ -75,11 +75,11 @@ cdef double hull_gap(
     const double *first, Py_ssize_t firsts, const double *second, Py_ssize_t seconds, double *start, double wanted,
     double close, bint decide
 ) noexcept nogil:
-    """Return a lower bound of the distance between the hulls of two sets of points, at least 0.
+    """Return a lower bound, at least 0, of the distance between the hulls of two sets of points.
 
-    `first: (A, 3)` and `second: (B, 3)` are the points [m], `start: (3,)` one of first − second to begin from; the
-    direction of the bound is left in `start`. It is enough to prove that the distance is as large as `wanted` [m] or,
-    to `decide`, to find that it is less; otherwise the bounds must come within `close` [m].
+    `first: (A, 3)` and `second: (B, 3)` are the points [m]. The search begins at `start: (3,)`, a point of first −
+    second, and leaves the direction of the bound there. The search ends if the distance is proven to be at least
+    `wanted` [m], or, with `decide`, if it is less; otherwise when both bounds differ by at most `close` [m].
     """
     cdef double z0 = start[0], z1 = start[1], z2 = start[2], best = 0.0
     cdef double squared, length, least, most, along, d0, d1, d2, across, step
@@ -118,7 +118,7 @@ cdef double hull_gap(
 
 
 cdef void ball_about(const double *points, Py_ssize_t count, double *ball) noexcept nogil:
-    """Write the mean of the points, and how far the farthest point is from the mean."""
+    """Compute the mean of the points, and the largest distance of a point from the mean."""
     cdef double m0 = 0.0, m1 = 0.0, m2 = 0.0, far = 0.0, x, y, z
     cdef Py_ssize_t k
     for k in range(count):
@@ -130,7 +130,7 @@ cdef void ball_about(const double *points, Py_ssize_t count, double *ball) noexc
 
 
 class MarginQuery(NamedTuple):
-    """How well the least margin of a motion must be known.
+    """The accuracy with which the least margin of a motion is computed.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ cdef class BodyHulls:
         )
 
     cdef Frames _frames(self, cells, Py_ssize_t count, bint moving) except *:
-        """Return the frames of at least so many cells; `moving` says whether bodies move in them."""
+        """Check and return the frames of at least this many cells; `moving`: whether bodies move within the cells."""
         cdef const double[:, :, :, ::1] rotations
         cdef const double[:, :, ::1] origins
         cdef const double[:, ::1] travel
@@ -234,16 +234,16 @@ cdef class BodyHulls:
         return found
 
     def gaps(self, const Py_ssize_t[::1] at, const double[::1] until, borne, cells, sets, query):
-        """Return the least that is left between a robot and what moves, over the windows of a motion, and where.
+        """Return the least margin between a robot and everything that moves, over the windows of a motion.
 
-        The margin min (distance − growth − travel − left) [m] is a lower bound, negative where nothing is proven; then
-        come the window, the body of the robot and the set, −1 if there is nothing. The robot is in the cells `at: (W,)`
-        of a path no longer than `until: (W,)` [s]. The `query` is a `MarginQuery`.
+        The margin min (distance − growth − travel − left) [m] is a lower bound; it is negative if nothing is proven.
+        Also returned are the window, the body of the robot and the set, −1 if there is none. The robot is in the cells
+        `at: (W,)` of a path until the times `until: (W,)` [s] at the latest. The `query` is a `MarginQuery`.
 
-        `cells` are the frames of `CellFrames`, `sets` the arrays of `ReachSets`. `borne` has ṡ² of the windows (W,) at
-        most, and the largest ṡ² (N, G, M) of cell, body and set at which contact is borne; two bodies that may touch at
-        the speed of a window need no distance in it. Where contact is not allowed the last array is empty; it is not
-        borne by sets beyond its end.
+        `cells` are the frames of `CellFrames`, `sets` the arrays of `ReachSets`. `borne` has the largest ṡ² of the
+        windows (W,), and the largest ṡ² (N, G, M) of cell, body and set up to which contact is allowed. Two bodies that
+        may touch at the speed of a window need no distance there. The last array is empty if no contact is allowed;
+        contact with sets beyond its end is not allowed.
         """
         cdef Frames frames = self._frames(cells, _past_last(at), True)
         cdef Sets moving = _sets(sets)
@@ -266,7 +266,7 @@ cdef class BodyHulls:
     def cell_gaps(
         self, const Py_ssize_t[::1] at, borne, cells, sets, double left, double far, double close
     ):
-        """Return for each of the cells (W,) the least that is left at the instant of the measurement [m]; as `gaps`.
+        """Return the least margin (W,) [m] in each cell at the time of the measurement; as `gaps`.
 
         More than `far` need not be known, and what is less but within `close` [m].
         """
@@ -308,7 +308,7 @@ cdef class BodyHulls:
         self, const Windows *windows, const Borne *borne, const Frames *frames, const Sets *sets, double *memory,
         const MarginLimits *limits
     ) noexcept nogil:
-        """Return what `gaps` does."""
+        """Compute the result of `gaps`."""
         cdef Worst worst = Worst(INFINITY, -1, -1, -1)
         cdef Py_ssize_t G = self.count, S = sets.count, w, k, g, s, p, x, a, b
         cdef double *local = memory
@@ -368,7 +368,7 @@ cdef class BodyHulls:
         return worst
 
     def separating_axes(self, cells, sets, double far):
-        """Return directions (G, M, 3) from sets to bodies, and bounds (G, M) of how far apart they are along these [m].
+        """Return directions (G, M, 3) from sets to bodies, and lower bounds (G, M) of the distances along them [m].
 
         The robot is in the middle of the first cell; sets and bodies are without radii, growth and pads. Bounds of more
         than `far` [m] need not be known: they are infinite.
@@ -416,10 +416,11 @@ cdef class BodyHulls:
     def chords_ahead(
         self, cells, const double[:, :, ::1] axes, const double[:, ::1] apart, const double[::1] bends
     ):
-        """Return which bodies (G, M) are apart from sets and come no nearer to them along `separating_axes`.
+        """Return which bodies (G, M) are apart from sets and do not approach them along `separating_axes`.
 
-        The robot goes from the first cell to the second. A vertex that is start ≥ 0 ahead of the foremost one and then
-        end ≥ 0, but for rounding, comes no nearer if √start + √end ≥ √bend, with `bends: (G,)` [m].
+        The robot moves from the first cell to the second. Let a vertex be `start` ≥ 0 ahead of the foremost vertex in
+        the first cell, and `end` ≥ 0 in the second, up to rounding. The vertex does not approach the set if
+        √start + √end ≥ √bend, with the bounds of curvature `bends: (G,)` [m].
         """
         cdef Frames frames = self._frames(cells, 2, False)
         cdef Py_ssize_t G = self.count, S = apart.shape[1], g, s, k, v, points
@@ -466,7 +467,7 @@ cdef class BodyHulls:
 
 
 cdef Py_ssize_t _past_last(const Py_ssize_t[::1] at) except -1:
-    """Return how many cells there must be."""
+    """Return the least number of cells that the indices need."""
     cdef Py_ssize_t w, most = 0
     for w in range(at.shape[0]):
         if at[w] < 0:
@@ -476,7 +477,7 @@ cdef Py_ssize_t _past_last(const Py_ssize_t[::1] at) except -1:
 
 
 cdef int _check_lists(const Py_ssize_t[::1] first, const double[:, ::1] points, str what, str of) except -1:
-    """Raise InputError unless the numbers lead from 0 to that of the points, and no list is empty."""
+    """Raise InputError unless the indices increase from 0 to the number of points."""
     cdef Py_ssize_t k, last = first.shape[0] - 1
     if last < 0 or first[0] != 0 or first[last] != points.shape[0] or points.shape[1] != 3:
         raise InputError(f"{what} must lead from 0 to the number of {of} (…, 3)")
@@ -504,7 +505,7 @@ cdef Sets _sets(sets) except *:
 
 
 cdef double *_work(const Sets *sets) except NULL:
-    """Return memory for the points of sets in the frame of a joint, balls about the sets, and how far they grow."""
+    """Allocate memory for the points of sets in the frame of a joint, balls about the sets, and their growth."""
     cdef double *memory = <double *> malloc(max(3 * sets.first[sets.count] + 5 * sets.count, 1) * sizeof(double))
     if not memory:
         raise MemoryError
