@@ -140,6 +140,15 @@ def test_what_is_tampered_with_is_refused(ur5, clutter, written, change, words):
         verify(tampered(written, change), ur5, clutter)
 
 
+def test_within_a_tube_the_tool_turns_more_than_on_its_motion(ur5, clutter, written):
+    heights = [ur5.tip_pose(q).rotation[2] @ ur5.tip_pose(POINTS[0]).rotation[2] for q in spline()(FINE)]
+    angle = 1.01 * np.arccos(min(heights))
+    with pytest.raises(CertificateError, match="motion: the orientation of the tool"):
+        verify(tampered(written, claim("tool", "orientation", "angle", by=float(angle))), ur5, clutter)
+    without = tampered(written, claim("tube", by=None))
+    assert verify(tampered(without, claim("tool", "orientation", "angle", by=float(angle))), ur5, clutter)
+
+
 def test_slack_counts_and_its_digest_is_looked_at(ur5, clutter):
     found = check(Motion.sampled(FINE, spline()(FINE), 0.5), ur5, clutter)
     content = travelled(motion_certificate(found))

@@ -218,6 +218,7 @@ def test_models_of_pinocchio_are_no_plain_data(ur5):
         ({"recipe": 3}, "recipe: must be a mapping"),
         ({"recipe": {}}, "recipe.urdf: missing: give either urdf or robots"),
         ({"recipe": {**PLAIN, "urdf": {"example_robot_data": "../../../etc/passwd"}}}, "is not in example-robot-data"),
+        ({"recipe": {**PLAIN, "urdf": {}}}, "recipe.urdf.text: must be text, or a file of example-robot-data"),
         ({"recipe": {"urdf": {"text": ""}}}, "recipe.urdf.text: must be text"),
         ({"recipe": {"urdf": {"text": "<robot/>"}, "wheels": 4}}, "wheels: unknown key"),
         ({"extra": 3}, "unknown key"),
