@@ -433,7 +433,7 @@ def damped_pseudoinverse_step(
     Λ² is damping²·(1 − σ²/singular²) in directions of JJᵀ with singular values σ of J below `singular`, and 0 in
     others. The directions are found by Jacobi's rotations (Golub, Van Loan: Matrix Computations, §8.5).
     """
-    cdef Py_ssize_t m = jacobian.shape[0], n = jacobian.shape[1], i, j, k, l
+    cdef Py_ssize_t m = jacobian.shape[0], n = jacobian.shape[1], i, j, k, axis
     cdef double[6][6] square, directions
     cdef double[6] residual, solved
     cdef double total, largest
@@ -466,22 +466,24 @@ def damped_pseudoinverse_step(
                         _rotate_pair(square, directions, m, j, i)
             if total <= DIAGONAL * largest:
                 break
-        for l in range(m):
+        for axis in range(m):
             total = 0.0
             for i in range(m):
-                total += directions[i][l] * residual[i]
-            largest = square[l][l]
-            solved[l] = total / (largest + damping * damping * max(0.0, 1.0 - largest / (singular * singular)))
+                total += directions[i][axis] * residual[i]
+            largest = square[axis][axis]
+            solved[axis] = total / (largest + damping * damping * max(0.0, 1.0 - largest / (singular * singular)))
         for i in range(m):
             total = 0.0
-            for l in range(m):
-                total += directions[i][l] * solved[l]
+            for axis in range(m):
+                total += directions[i][axis] * solved[axis]
             for k in range(n):
                 out[k] += jacobian[i, k] * total
     return found
 
 
-cdef void _rotate_pair(double[6] *square, double[6] *directions, Py_ssize_t m, Py_ssize_t p, Py_ssize_t q) noexcept nogil:
+cdef void _rotate_pair(
+    double[6] *square, double[6] *directions, Py_ssize_t m, Py_ssize_t p, Py_ssize_t q
+) noexcept nogil:
     """Turn coordinates p and q of a symmetric matrix so that its element (p, q) is 0; turn the directions alike."""
     cdef double theta = (square[q][q] - square[p][p]) / (2.0 * square[p][q])
     cdef double t = (1.0 if theta >= 0.0 else -1.0) / (fabs(theta) + sqrt(theta * theta + 1.0))
