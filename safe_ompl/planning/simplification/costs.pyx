@@ -377,7 +377,12 @@ cdef class Densities:
         self._joints = terms.danger.skeleton.keys.joints
         self._carriers, self._near, self._hinges = carriers, near, hinges
         self._rows = 0
+        if self._near.shape[1] != 10:
+            raise InputError("near pairs must have 10 columns")
         for c in range(self._near.shape[0]):
+            # Whole numbers above are not all numbers of C.
+            if not 0.0 <= self._near[c, 0] < 2.0**53:
+                raise InputError(f"near pair {c} is of a configuration that there is not")
             self._rows = max(self._rows, 1 + <Py_ssize_t> self._near[c, 0])
         self._obstacle_terms = hinge_terms(self._joints, self._rows, self._carriers, self._near, self._hinges)
 
