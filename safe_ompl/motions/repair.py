@@ -157,7 +157,7 @@ def _rounded_to_limits(motion: Motion, robot: Robot) -> Motion:
     """Return straight lines with the way points that single precision puts outside the joint limits moved to them."""
     knots = np.clip(motion.knots, robot.lower, robot.upper)
     moved = np.abs(knots - motion.knots).max()
-    if motion.degree > 1 or not 0.0 < moved <= _SINGLE_PRECISION:
+    if motion.degree > 1 or moved > _SINGLE_PRECISION or all(map(robot.joint_limits.hold, motion.knots)):
         return motion
     return replace(Motion.through(knots, motion.times), joint_names=motion.joint_names, timed=motion.timed)
 

@@ -313,6 +313,13 @@ def test_ends_that_single_precision_puts_outside_the_limits_are_moved_to_them(pa
         assert found.deviation == pytest.approx(outside, rel=1e-3)
 
 
+def test_what_check_proves_is_not_changed_by_a_repair(panda):
+    end = np.array([0.0, -0.8, 0.0, -2.4, panda.upper[4] + 5e-10, 1.6, 0.8])
+    path = np.array([0.9 * end, end])
+    assert check(path, panda, Scene())
+    assert repair_with(path, MotionProver(CollisionChecker(panda, Scene()))).how == "unchanged"
+
+
 def test_a_way_round_is_followed_where_pushing_fails(panda):
     """A wall across the way: gradients point through it, a planner goes over it."""
     wall = Scene([Obstacle("wall", Box((0.5, 0.04, 0.7)), Pose((0.5, 0.0, 0.35)))])
