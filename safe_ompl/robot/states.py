@@ -158,7 +158,9 @@ class StateBridge:
         path have another type than those of the space.
         """
         states = [path.getState(i) for i in range(path.getStateCount())]
-        kinds, own = set(map(type, states)), type(OwnState(self).state)
+        # The state returns to those that are unused only if it outlives its last use here.
+        one = OwnState(self)
+        kinds, own = set(map(type, states)), type(one.state)
         if kinds - {own}:
             names = " and ".join(sorted(kind.__name__ for kind in kinds))
             raise InputError(
@@ -252,6 +254,8 @@ class OwnState:
     """A state of a space. The state is reused when no other reference to it is left."""
 
     def __init__(self, bridge: StateBridge) -> None:
+        # Ctrl-C may end this before there is a state, and `__del__` is called all the same.
+        self.state: Any = None
         unused = self._unused = _UNUSED[_structure(bridge.space)]
         try:
             self.state = unused.pop()

@@ -219,7 +219,7 @@ def shortened(claim):
         (lambda claim: claim.update(coefficients=[]), "must contain at least one piece"),
         (lambda claim: claim["times"].pop(), r"times: must be \d+ numbers that increase"),
         (lambda claim: claim.update(timed=True), "timed: must be false"),
-        (lambda claim: claim.update(slack=[[0.0] * 6] * len(claim["coefficients"])), "slack: must be none"),
+        (lambda claim: claim.update(slack=[[0.0] * 6] * len(claim["coefficients"])), "slack: must be left out"),
         (lambda claim: claim.pop("acceleration"), "acceleration: missing"),
         (lambda claim: claim["corners"].append(1), "does not stand at"),
         (lambda claim: claim["corners"].append(99), "are not corners"),

@@ -83,9 +83,9 @@ def test_where_the_danger_at_rest_is_too_high_it_says_so(panda, panda_limits):
 
 def test_what_cannot_be_bounded_is_refused(panda, panda_limits):
     path, field = random_path(panda, 0), KinetostaticField(DangerField(panda, POINTS))
-    with pytest.raises(InputError, match="max_danger: give a danger and the largest"):
+    with pytest.raises(InputError, match="max_danger: give both danger and max_danger"):
         time_path(path, panda, panda_limits, danger=field)
-    with pytest.raises(InputError, match="danger: give a danger"):
+    with pytest.raises(InputError, match="danger: give both danger"):
         time_path(path, panda, panda_limits, max_danger=3.0)
     with pytest.raises(InputError, match="max_danger"):
         time_path(path, panda, panda_limits, danger=field, max_danger=0.0)

@@ -77,7 +77,7 @@ def test_limits_that_are_just_kept_are_kept(ur5, limits):
         ("velocity", pytest.approx(0.5)),
         ("acceleration", 1.0),
     ]
-    assert str(found[1]) == "velocity at 0.5 s: 'shoulder_pan_joint', 1 rad/s (limit 1 rad/s)"
+    assert str(found[1]) == "velocity at 0.5 s: 'shoulder_pan_joint', 1.000005 rad/s (limit 1 rad/s)"
 
 
 def test_every_stretch_has_its_worst_time(ur5, limits):

@@ -520,7 +520,7 @@ def test_checking_an_output_file_leaves_it_alone(refuses, folder):
 
 OUTPUTS = [
     ("plan test.yaml --json old.json", "--json: 'old.json' already exists"),
-    ("check old.json --scenario test.yaml --repair old.csv", "--repair: 'old.csv' is there"),
+    ("check old.json --scenario test.yaml --repair old.csv", "--repair: 'old.csv' already exists"),
     ("new arm.urdf -o old.yaml", "--output: 'old.yaml' already exists"),
     ("srdf arm.urdf -o arm.srdf", "--output: 'arm.srdf' already exists"),
     ("compare test.yaml --out old", "--out: the folder 'old' holds report.json already"),

@@ -106,7 +106,7 @@ def test_danger_in_motion_is_told_and_kept(beside_her, tmp_path, capsys):
     assert Scenario.load(file).motion.max_danger == limit
     assert main(["plan", str(file), "--timed"]) == 0
     assert "danger in motion: mean" in capsys.readouterr().out
-    with pytest.raises(InputError, match="danger: give a danger"):
+    with pytest.raises(InputError, match="danger: give both danger"):
         replace(result, danger=None).timed(max_danger=limit)
     with pytest.raises(InputError, match="has no danger field"):
         replace(result, danger=None).danger_field()

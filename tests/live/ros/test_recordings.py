@@ -102,7 +102,7 @@ COMMANDED, MEASURED = ("/c", 0.0, JOINTS, [0, 1]), ("/m", 0.0, JOINTS, [0, 1])
         ([COMMANDED], (None, None), "has no topic of trajectory_msgs"),
         ([COMMANDED], ("/x", None), "--commanded-topic: unknown topic '/x'"),
         ([COMMANDED, MEASURED], ("/c", "/m"), "samples of shoulder, elbow at two or more times, got 1"),
-        ([COMMANDED, ("/m", 0.0, ["elbow"], [0])], ("/c", "/m"), "joints: shoulder missing at 0.000 s|two times"),
+        ([COMMANDED, ("/m", 0.0, ["elbow"], [0])], ("/c", "/m"), "shoulder missing at 0.000 s|at two or more times"),
         ([("/c", 0.0, JOINTS, [0]), MEASURED], ("/c", "/m"), "/c: has 2 joints, but 1 positions"),
         ([COMMANDED, ("/c", 0.1, JOINTS, [0, np.nan]), MEASURED], ("/c", "/m"), "finite"),
     ],

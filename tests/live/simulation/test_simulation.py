@@ -204,7 +204,7 @@ def test_all_places_are_reached_in_whichever_order_is_soonest(tmp_path, capsys):
     visited = [place for place, before in pairwise([*done, None]) if place != before]
     assert visited[:2] == [2, 1]  # the nearest one, though it is listed last
     assert main(live(tmp_path, *words, scenario="panda_pick_place")) == 2
-    assert "--any-order: is for a path to a goal" in " ".join(capsys.readouterr().err.split())
+    assert "--any-order: is only for a path" in " ".join(capsys.readouterr().err.split())
 
 
 def test_the_command_plays_a_person_in_the_place_of_the_scenarios(clips, tmp_path, capsys):
