@@ -20,10 +20,10 @@ from safe_ompl.common import (
     BoolArray,
     FloatArray,
     InputError,
+    configuration_unchecked,
     configurations,
     finite_array,
     number,
-    shaped_configuration,
     whole_number,
 )
 from safe_ompl.robot import JointLimits, plain
@@ -253,8 +253,8 @@ class MotionProver:
 
     def _edge(self, start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArray]:
         n = self.checker.robot.n
-        first = shaped_configuration(start, n, "start of a motion")
-        return first, shaped_configuration(end, n, "end of a motion")
+        first = configuration_unchecked(start, n, "start of a motion")
+        return first, configuration_unchecked(end, n, "end of a motion")
 
     def _check_finite(self, start: FloatArray, end: FloatArray) -> None:
         if not (np.isfinite(start).all() and np.isfinite(end).all()):

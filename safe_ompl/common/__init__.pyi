@@ -6,6 +6,7 @@ from .documents import (
     IntArray as IntArray,
     Section as Section,
     configuration as configuration,
+    configuration_unchecked as configuration_unchecked,
     configurations as configurations,
     finite_array as finite_array,
     flag as flag,
@@ -16,7 +17,6 @@ from .documents import (
     motion_ends as motion_ends,
     number as number,
     seed as seed,
-    shaped_configuration as shaped_configuration,
     whole_number as whole_number,
     within as within,
 )

@@ -1,12 +1,14 @@
 """Validation of user input, from Python calls and from YAML or JSON documents.
 
-Each function accepts Python and NumPy values and returns the plain Python type, or raises an `InputError` of the form
+Each function accepts Python and NumPy values. Functions for single values, lists and mappings return plain Python
+types; functions for arrays return NumPy arrays. An invalid value raises an `InputError` of the form
 ``<key>: must be <what would be right>, got <what was given>``. A bool is not accepted as a number. `float_array`
-accepts NaN and infinity; all other functions refuse them.
+accepts NaN and infinity, and `configuration_unchecked` does not look for them in arrays; all other functions refuse
+them.
 
-A `Section` of a document is a dataclass. Each field declares its key, the check of its value and its default (`key`).
-The fields define the checks on construction, `from_mapping` and `to_mapping`. Each level reads its children inside
-`within`, which puts its own key before the key in the error message:
+A `Section` of a document is a dataclass. Each field is declared with the function `key`, which takes the check of the
+value and the default. Construction, `from_mapping` and `to_mapping` use these. Each level reads its children inside
+`within`, which puts the key of the level before the key in the error message:
 ``scene.obstacles[2] 'table'.box.size: must be a positive number, got -0.2``. `files.reading` adds file and line.
 """
 
@@ -42,7 +44,7 @@ RATE_BOUNDS: dict[str, dict[str, Any]] = {
 }
 """Allowed ranges of joint limits (in rad or m, and s) and of point speeds [m/s], as keyword arguments of `number`.
 
-No robot arm exceeds the upper bounds. The tolerance of `check` is 1 % of the lower bounds (`docs/proofs.md`).
+No robot arm exceeds the upper bounds. The tolerance of `safe_ompl.check` is 1 % of the lower bounds (`docs/proofs.md`).
 """
 
 # A message shows at most this many numbers of an array.
@@ -76,7 +78,7 @@ class within:  # noqa: N801 (a context manager)
 
 
 def number(
-    name: str,
+    key: str,
     value: Any,
     *,
     above: float | None = None,
@@ -86,7 +88,7 @@ def number(
 ) -> float:
     """Return `value` as a finite float within the bounds, or raise InputError. Give at most one lower bound.
 
-    The message uses `name` for the value and `kind` for the sort of number ("length", "number of seconds").
+    The message begins with `key` and uses the noun `kind` for the value ("length", "number of seconds").
     """
     if type(value) is float and above is at_least is at_most is None and math.isfinite(value):
         # Most values are plain floats without bounds. The general code takes five times as long.
@@ -106,10 +108,10 @@ def number(
         ):
             return result
     right = _bounded("finite", kind, above, at_least, at_most)
-    raise InputError(f"must be {right}, got {shown(value)}", name)
+    raise InputError(f"must be {right}, got {shown(value)}", key)
 
 
-def whole_number(name: str, value: Any, *, at_least: int | None = None, at_most: int | None = None) -> int:
+def whole_number(key: str, value: Any, *, at_least: int | None = None, at_most: int | None = None) -> int:
     """Return `value` as an int within bounds, or raise InputError; a float is refused, even 3.0."""
     plain = _scalar(value)
     if isinstance(plain, Integral) and not isinstance(plain, bool):
@@ -117,38 +119,38 @@ def whole_number(name: str, value: Any, *, at_least: int | None = None, at_most:
         if (at_least is None or result >= at_least) and (at_most is None or result <= at_most):
             return result
     right = _bounded("whole", "number", None, at_least, at_most)
-    raise InputError(f"must be {right}, got {shown(value)}", name)
+    raise InputError(f"must be {right}, got {shown(value)}", key)
 
 
-def fraction(name: str, value: Any) -> float:
+def fraction(key: str, value: Any) -> float:
     """Return `value` as a float in [0, 1], or raise InputError."""
-    return number(name, value, at_least=0.0, at_most=1.0)
+    return number(key, value, at_least=0.0, at_most=1.0)
 
 
-def seed(value: Any, name: str = "seed") -> int:
+def seed(value: Any, key: str = "seed") -> int:
     """Return `value` as a random seed for OMPL and NumPy, an int in [0, 2³²), or raise InputError."""
-    return whole_number(name, value, at_least=0, at_most=_SEEDS - 1)
+    return whole_number(key, value, at_least=0, at_most=_SEEDS - 1)
 
 
-def flag(name: str, value: Any) -> bool:
+def flag(key: str, value: Any) -> bool:
     """Return `value` as a bool, or raise InputError; 0 and 1 are refused."""
     if not isinstance(value, (bool, np.bool_)):
-        raise InputError(f"must be true or false, got {shown(value)}", name)
+        raise InputError(f"must be true or false, got {shown(value)}", key)
     return bool(value)
 
 
-def text(name: str, value: Any) -> str:
+def text(key: str, value: Any) -> str:
     """Return `value` as non-empty text, or raise InputError."""
     if not isinstance(value, str) or not value.strip():
-        raise InputError(f"must be text that is not empty, got {shown(value)}", name)
+        raise InputError(f"must be text that is not empty, got {shown(value)}", key)
     return str(value)
 
 
-def instance(name: str, value: Any, kind: type[_Kind]) -> _Kind:
+def instance(key: str, value: Any, kind: type[_Kind]) -> _Kind:
     """Return `value` if it is an instance of `kind`, else raise InputError with the name of the class."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
-        raise InputError(f"must be {article} {kind.__name__}, got {shown(value)}", name)
+        raise InputError(f"must be {article} {kind.__name__}, got {shown(value)}", key)
     return value
 
 
@@ -207,7 +209,7 @@ def float_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> F
 def configuration(q: ArrayLike, n: int, name: str = "configuration") -> FloatArray:
     """Return `q` as a finite float array (n,). Raises as `finite_array`.
 
-    A finite float array of this shape is returned without a copy, which takes 0.5 µs.
+    A finite float array of this shape is returned without a copy; the call then takes 0.5 µs.
     """
     if type(q) is np.ndarray and q.dtype == _FLOAT and q.shape == (n,) and math.isfinite(q.dot(q)):
         return q
@@ -215,7 +217,10 @@ def configuration(q: ArrayLike, n: int, name: str = "configuration") -> FloatArr
 
 
 def configurations(Q: ArrayLike, n: int, name: str = "configurations") -> FloatArray:
-    """Return a batch of B configurations as a finite float array (B, n), without a copy as in `configuration`."""
+    """Return a batch of B configurations as a finite float array (B, n).
+
+    A finite float array of this shape is not copied, as in `configuration`.
+    """
     is_batch = isinstance(Q, np.ndarray) and Q.dtype == _FLOAT and Q.ndim == 2 and Q.shape[1] == n
     if isinstance(Q, np.ndarray) and is_batch and math.isfinite(np.vdot(Q, Q)):
         return Q
@@ -227,8 +232,11 @@ def motion_ends(start: ArrayLike, end: ArrayLike, n: int) -> FloatArray:
     return np.array([configuration(start, n, "start of a motion"), configuration(end, n, "end of a motion")])
 
 
-def shaped_configuration(q: ArrayLike, n: int, name: str) -> FloatArray:
-    """Return `q` as a float array (n,). The caller must check a float array of this shape for NaN and infinity."""
+def configuration_unchecked(q: ArrayLike, n: int, name: str) -> FloatArray:
+    """Return `q` as `configuration` does, but do not check a float array of this shape for NaN and infinity.
+
+    The caller makes this check later.
+    """
     if type(q) is np.ndarray and q.dtype == _FLOAT and q.shape == (n,):
         return q
     return finite_array(q, (n,), name)
@@ -299,7 +307,10 @@ def interval(key: str, value: Any) -> tuple[float, float]:
 
 
 def mapping(key: str, value: Any, valid: Iterable[str] | None = None) -> dict[str, Any]:
-    """Return `value` as a dict with printable text keys, or raise InputError. If given, `valid` has all keys."""
+    """Return `value` as a dict with printable text keys, or raise InputError.
+
+    If `valid` is given, other keys are refused.
+    """
     if not isinstance(value, Mapping):
         raise InputError(f"must be a mapping of keys to values, got {described(value)}", key)
     for name in value:
@@ -465,7 +476,7 @@ class Section:
 
 def keys_of(cls: type[Any]) -> tuple[Field[Any], ...]:
     """Return the fields of a class that are made by `key`."""
-    # To mypy a class is not hashable, as an argument of a cached function must be.
+    # Arguments of cached functions must be hashable, but mypy thinks that a class is not.
     hashable: Any = cls
     return _keys_of(hashable)
 
@@ -504,17 +515,17 @@ def _scalar(value: Any) -> Any:
     return value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
 
 
-def _bounded(sort: str, kind: str, above: float | None, at_least: float | None, at_most: float | None) -> str:
+def _bounded(adjective: str, noun: str, above: float | None, at_least: float | None, at_most: float | None) -> str:
     """Describe the allowed numbers: "a finite number >= 0", "a positive number", "a whole number in [0, 9]"."""
     if above == 0 and at_most is None:
-        return f"a positive {kind}"
+        return f"a positive {noun}"
     lower = f"> {above:g}" if above is not None else f">= {at_least:g}" if at_least is not None else ""
     if at_most is None:
-        return f"a {sort} {kind} {lower}".rstrip()
+        return f"a {adjective} {noun} {lower}".rstrip()
     if not lower:
-        return f"a {sort} {kind} <= {at_most:g}"
+        return f"a {adjective} {noun} <= {at_most:g}"
     opening, bound = ("(", above) if above is not None else ("[", at_least)
-    return f"a {sort} {kind} in {opening}{bound:g}, {at_most:.10g}]"
+    return f"a {adjective} {noun} in {opening}{bound:g}, {at_most:.10g}]"
 
 
 def _not_finite(array: FloatArray) -> str:

@@ -22,7 +22,7 @@ from safe_ompl.drawing.style import Colour, PlannerStyle, cap_colours, planner_s
 from safe_ompl.io import ACCELERATION
 from safe_ompl.motions import MotionCheck, MotionDanger, Trajectory
 from safe_ompl.planning import Tradeoff
-from safe_ompl.planning.simplification import BAND, forced_danger
+from safe_ompl.planning.simplification import SPREAD_PERCENTILES, forced_danger
 from safe_ompl.tasks import ProgramResult
 
 # The height of a line of text as a share of the axes.
@@ -342,7 +342,7 @@ def plot_profiles(
         upper.set(xlabel=ALONG, ylabel=DANGER, xlim=(0.0, 1.0))
         set_title(figure, title)
         add_legend_above(upper, 10.0, handlelength=2.6, ncols=2)
-        note = f"line: mean, band: {BAND[0]} to {BAND[1]} % of the runs"
+        note = f"line: mean, band: {SPREAD_PERCENTILES[0]} to {SPREAD_PERCENTILES[1]} % of the runs"
         upper.text(0.99, 0.03, note, ha="right", color=GREY, fontsize=9, transform=upper.transAxes)
         for k, name in enumerate(small):
             axes = figure.add_subplot(grid[1 + k // _COLUMNS, k % _COLUMNS], sharex=upper, sharey=upper)
@@ -360,7 +360,7 @@ def plot_profiles(
 def _draw_profile(axes: Any, name: str, runs: FloatArray, style: PlannerStyle) -> Any:
     """Plot the mean of profiles (R, S) and their band, and return the line of the mean."""
     along = np.linspace(0.0, 1.0, runs.shape[-1])
-    low, high = np.percentile(runs, BAND, axis=0) if len(runs) else ([], [])
+    low, high = np.percentile(runs, SPREAD_PERCENTILES, axis=0) if len(runs) else ([], [])
     if len(runs):
         axes.fill_between(along, low, high, color=style.colour, alpha=0.18, linewidth=0)
     (line,) = axes.plot(

@@ -41,7 +41,7 @@ _KINDS: dict[str, tuple[tuple[float, ...], bool]] = {
     "PaperSafe": ((1.0, 1.2), True),
     "Paper": ((3.0, 1.2, 1.0, 1.2), False),
 }
-# Today's practice in comparisons: distinct from the safe planners to the colour-blind, too.
+# The baseline in comparisons. Colour-blind people can distinguish it from the safe planners, too.
 _BASELINE = "#c8452b"
 _SOLID: tuple[float, ...] = ()
 _OTHERS = ("#596675", "#8b96a1", "#3a444f", "#aab2ba")

@@ -18,7 +18,7 @@ from .problems import (
     carried_robot as carried_robot,
     carried_scene as carried_scene,
 )
-from .schema import marked as marked, strict_json as strict_json
+from .schema import strict_json as strict_json, with_header as with_header
 from .ticks import (
     TickLog as TickLog,
     TicksFile as TicksFile,

@@ -12,7 +12,7 @@ from safe_ompl.common import Counts, InputError, documents as document, files, f
 from safe_ompl.io.motion_files import motion_content, motion_of_document, read_motion
 from safe_ompl.io.motions import MotionRecord
 from safe_ompl.io.problems import CarriedProblem, built_scene, carried_scene
-from safe_ompl.io.schema import kind_of, marked, strict_json
+from safe_ompl.io.schema import kind_of, strict_json, with_header
 from safe_ompl.motions import Motion, Trajectory
 from safe_ompl.planning import Improvement, PlanResult
 from safe_ompl.planning.simplification import ClearanceReport, DangerReport, PathReport
@@ -118,14 +118,14 @@ def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> No
 
 def _saved(thing: Saveable, meshes: bool | None) -> dict[str, Any]:
     if isinstance(thing, PlanResult):
-        return marked("result", result_to_mapping(thing, meshes))
+        return with_header("result", result_to_mapping(thing, meshes))
     if isinstance(thing, ProgramResult):
-        return marked("motion", {**thing.as_dict(), **thing.motion.to_mapping()})
+        return with_header("motion", {**thing.as_dict(), **thing.motion.to_mapping()})
     if isinstance(thing, Scene):
-        return marked("scene", {"scene": carried_scene(thing)})
+        return with_header("scene", {"scene": carried_scene(thing)})
     if isinstance(thing, Motion):
-        return marked("motion", thing.to_mapping())
-    return marked("trajectory", thing.as_dict())
+        return with_header("motion", thing.to_mapping())
+    return with_header("trajectory", thing.as_dict())
 
 
 def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence[str | PackageDir] = ()) -> Loaded:

@@ -16,19 +16,19 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, documents as document, files, listed, warn_once
 from safe_ompl.io.motions import kept_columns, read_table
-from safe_ompl.io.schema import kind_of, marked, strict_json
+from safe_ompl.io.schema import kind_of, strict_json, with_header
 from safe_ompl.motions import Motion
 from safe_ompl.robot import Robot
 
 _log = logging.getLogger(__name__)
 
 _RATES = ("velocities", "accelerations")
-_POINT = ("positions", *_RATES, "effort", "time_from_start")
+_MESSAGE_KEYS = ("positions", *_RATES, "effort", "time_from_start")
 _COLUMN = re.compile(r"(.+)_(position|velocity|acceleration)")
 _LOGGED = re.compile(r"(.+)_(commanded|measured)")
 # The motion read back from a file may differ from the written motion by at most this, in every coefficient.
 _SAME = 1e-6  # [rad or m]
-_POINTS = ("joint_names", "times", "positions", *_RATES)
+_ARRAY_KEYS = ("joint_names", "times", "positions", *_RATES)
 # Allowed difference between the start state in a message and the first point. MoveIt's default when it executes a
 # trajectory (allowed_start_tolerance).
 _START = 0.01  # [rad or m]
@@ -53,7 +53,7 @@ def read_motion(
     joints: Sequence[str] | None = None,
     ignore: Sequence[str] = (),
 ) -> Motion:
-    """Read a motion from a file of another program. A file without times is read as a path.
+    """Read a motion from a file of safe-ompl or of another program. A file without times is read as a path.
 
     Between points the motion is interpolated as by ROS 2's joint_trajectory_controller (`Motion.hermite`).
 
@@ -128,32 +128,32 @@ def read_log(file: str | Path) -> tuple[Motion, Motion]:
 def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -> tuple[str | bytes, Motion]:
     """Return the content of a file for `motion`, and the motion that a reader gets back from this content.
 
-    If the file is executed, prove the second motion, not the first. Tables, arrays and ROS messages hold way points:
-    positions, velocities if the degree is 2 or more, accelerations if it is 4 or more. With `message`, a .json file is
-    a ROS message, too. Raises InputError if the extension is unknown, way points cannot represent the motion, or joint
-    names are missing (.npz does not need them).
+    If a robot executes the file, prove the returned motion, not `motion`. Tables, arrays and ROS messages hold way
+    points: positions, velocities if the degree is 2 or more, accelerations if it is 4 or more. With `message`, a .json
+    file holds a ROS message, like .yaml; without it, a motion in the format of safe-ompl. Raises InputError if the
+    extension is unknown, way points cannot represent the motion, or joint names are missing (.npz does not need them).
     """
     ending = Path(file).suffix.lower()
     write = FORMS[ending].write if ending in FORMS else None
     if write is None:
         raise InputError(f"must have one of the endings {', '.join(WRITABLE)}", str(file))
     if ending == ".json" and not message:
-        return strict_json(marked("motion", motion.to_mapping())) + "\n", motion
+        return strict_json(with_header("motion", motion.to_mapping())) + "\n", motion
     times = motion.times
     # ROS messages hold times in whole nanoseconds, so the times are rounded first.
     if ending in (".json", ".yaml", ".yml") and motion.timed:
         times = np.array([_seconds(_stamp(t)) for t in times.tolist()])
     rows = [motion.derivative(motion.times, order) for order in range(1 + max(0, motion.degree) // 2)]
     values = [motion.joint_names, times if motion.timed else None, *rows[:3]]
-    points = {key: value for key, value in zip(_POINTS, values, strict=False) if value is not None}
+    points = {key: value for key, value in zip(_ARRAY_KEYS, values, strict=False) if value is not None}
     back = _from_points(points)
-    held = np.zeros((motion.pieces, max(back.degree, motion.degree) + 1, motion.n))
-    held[:, : motion.degree + 1] = motion.coefficients
-    held[:, : back.degree + 1] -= back.coefficients
-    if motion.degree > 5 or np.abs(held).max() > _SAME:
+    difference = np.zeros((motion.pieces, max(back.degree, motion.degree) + 1, motion.n))
+    difference[:, : motion.degree + 1] = motion.coefficients
+    difference[:, : back.degree + 1] -= back.coefficients
+    if motion.degree > 5 or np.abs(difference).max() > _SAME:
         raise InputError(
             "holds way points, which cannot represent this motion: its degree is above 5, or its velocities or "
-            "accelerations jump; give a file of ours (.json)",
+            "accelerations jump; give a .json file",
             str(file),
         )
     if motion.joint_names is None and ending != ".npz":
@@ -162,7 +162,7 @@ def motion_content(motion: Motion, file: str | Path, *, message: bool = False) -
 
 
 def _as_table(points: Mapping[str, Any], delimiter: str) -> str:
-    names, tables = points["joint_names"], [points[key] for key in _POINTS[2:] if key in points]
+    names, tables = points["joint_names"], [points[key] for key in _ARRAY_KEYS[2:] if key in points]
     kinds = ("position", "velocity", "acceleration")[: len(tables)]
     header = [f"{name}_{kind}" for kind in kinds for name in names] if len(tables) > 1 else list(names)
     if "times" in points:
@@ -179,10 +179,10 @@ def _as_arrays(arrays: Mapping[str, Any]) -> bytes:
 def _as_message(points: Mapping[str, Any], write: Callable[[Any], str]) -> str:
     kinds = [key for key in ("positions", *_RATES) if key in points]
     rows = zip(*(points[key].tolist() for key in kinds), strict=True)
-    said: list[dict[str, Any]] = [dict(zip(kinds, row, strict=True)) for row in rows]
-    for point, t in zip(said, points.get("times", ()), strict=False):
+    message_points: list[dict[str, Any]] = [dict(zip(kinds, row, strict=True)) for row in rows]
+    for point, t in zip(message_points, points.get("times", ()), strict=False):
         point["time_from_start"] = _stamp(float(t))
-    return write({"joint_names": list(points["joint_names"]), "points": said})
+    return write({"joint_names": list(points["joint_names"]), "points": message_points})
 
 
 def _stamp(time: float) -> dict[str, int]:
@@ -207,7 +207,7 @@ def _without(motion: Motion, ignored: Sequence[str]) -> Motion:
         return motion
     names = motion.joint_names or ()
     kept = kept_columns(names, ignored)
-    slack, rounding = (None if rest is None else rest[:, kept] for rest in (motion.slack, motion.rounding))
+    slack, rounding = (None if errors is None else errors[:, kept] for errors in (motion.slack, motion.rounding))
     chosen = tuple(names[k] for k in kept)
     return replace(
         motion, coefficients=motion.coefficients[:, :, kept], joint_names=chosen, slack=slack, rounding=rounding
@@ -237,7 +237,7 @@ def _of_columns(header: Sequence[str], values: FloatArray) -> Motion:
     joints = tuple(dict.fromkeys(part[1] for part in parts if part))
     kinds = {part[2] for part in parts if part} | {"position"}
     points: dict[str, Any] = {"joint_names": joints, "times": times}
-    for key, kind in zip(_POINTS[2:], ("position", "velocity", "acceleration"), strict=True):
+    for key, kind in zip(_ARRAY_KEYS[2:], ("position", "velocity", "acceleration"), strict=True):
         if kind in kinds:
             points[key] = np.stack([document.require(columns, f"{joint}_{kind}") for joint in joints], axis=1)
     return _from_points(points)
@@ -249,7 +249,7 @@ def _of_columns(header: Sequence[str], values: FloatArray) -> Motion:
 def _from_arrays(path: Path, names: Sequence[str] | None, ignored: Sequence[str]) -> Motion:
     held: dict[str, Any] = files.read_arrays(path)
     with document.within(str(path), ": "):
-        document.check_keys(held, _POINTS)
+        document.check_keys(held, _ARRAY_KEYS)
         own = held.get("joint_names")
         if own is not None:
             if own.dtype.kind != "U" or own.ndim != 1:
@@ -281,7 +281,7 @@ def _from_array(path: Path, names: Sequence[str] | None, ignored: Sequence[str])
 
 def _refuse_names(names: Sequence[str] | None) -> None:
     if names is not None:
-        raise InputError(f"already names its columns; leave out {listed(names)}", "joints")
+        raise InputError(f"must not be given, since the file names its columns; got {listed(names)}", "joints")
 
 
 # ---------------------------------------------------------------------------------------------------- documents
@@ -356,7 +356,10 @@ def _from_display(content: Mapping[str, Any]) -> Motion:
         state = document.mapping("state", content.get("trajectory_start") or {})
         if held := state.get("attached_collision_objects"):
             names = listed(item.get("object", {}).get("id") if isinstance(item, Mapping) else item for item in held)
-            warn_once(_log, f"the trajectory begins with objects in the gripper ({names}): give them to the robot")
+            warn_once(
+                _log,
+                f"the trajectory begins with objects in the gripper ({names}): attach them to the robot before a check",
+            )
         _check_start(motion, document.mapping("joint_state", state.get("joint_state") or {}))
     return motion
 
@@ -367,11 +370,12 @@ def _check_start(motion: Motion, state: Mapping[str, Any]) -> None:
     values = document.numbers("joint_state.position", state.get("position") or (), len(names))
     there = dict(zip(map(str, names), values, strict=True))
     for name, begin in zip(motion.joint_names or (), motion.knots[0].tolist(), strict=True):
-        # The values of a continuous joint may differ by multiples of 2π. The rule is applied to all joints.
+        # The values of a continuous joint may differ by multiples of 2π. For simplicity multiples of 2π are ignored for
+        # all joints.
         if name in there and abs(remainder(begin - there[name], 2 * pi)) > _START:
             raise InputError(
-                f"must be within {_START:g} of where the trajectory begins, got {there[name]:g} of joint {name!r}, "
-                f"which begins at {begin:g}",
+                f"joint {name!r} is at {there[name]:g}, but the trajectory begins at {begin:g}; they may differ by at "
+                f"most {_START:g}",
                 "joint_state.position",
             )
 
@@ -397,7 +401,7 @@ def _from_message(content: Mapping[str, Any]) -> Motion:
     for k, point in enumerate(document.sequence("points", document.require(content, "points"))):
         with document.within(f"points[{k}]"):
             held = document.mapping("point", point)
-            document.check_keys(held, _POINT)
+            document.check_keys(held, _MESSAGE_KEYS)
             document.require(held, "positions")
             times.append(_seconds(held.get("time_from_start")))
             if k and (times[0] is None) != (times[k] is None):
@@ -410,7 +414,7 @@ def _from_message(content: Mapping[str, Any]) -> Motion:
         raise InputError("must be at least two, got 0", "points")
     rates = [None if not any(rows[key]) else rows[key] for key in _RATES]
     values = [names, None if times[0] is None else times, rows["positions"], *rates]
-    return _from_points(dict(zip(_POINTS, values, strict=True)))
+    return _from_points(dict(zip(_ARRAY_KEYS, values, strict=True)))
 
 
 def _seconds(value: Any) -> float | None:

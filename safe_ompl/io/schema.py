@@ -68,7 +68,7 @@ def check_form(content: Any, form: str = FORMAT, version: int = VERSION) -> None
         raise InputError(f"{shown(given)} is not known, {version} is{older}", "version")
 
 
-def marked(kind: str, content: Mapping[str, Any]) -> dict[str, Any]:
+def with_header(kind: str, content: Mapping[str, Any]) -> dict[str, Any]:
     """Return `content` with the keys format, version and kind in front."""
     return {"format": OWN_FORMAT, "version": OWN_VERSION, "kind": kind, **content}
 

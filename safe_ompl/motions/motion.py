@@ -74,7 +74,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         coefficients = finite_array(self.coefficients, (None, None, None), "coefficients")
-        pieces, size, n = forms.of_degree(coefficients).shape
+        pieces, size, n = forms.check_degree(coefficients).shape
         if not (pieces and size and n):
             raise InputError(f"must have pieces, powers and joints, got shape {coefficients.shape}", "coefficients")
         times = finite_array(self.times, (pieces + 1,), "times")
@@ -476,9 +476,9 @@ class Motion:
         if isinstance(thing, Motion):
             return thing if names is None else replace(thing, joint_names=tuple(names))
         if "BPoly" in kinds:
-            return cls._made(forms.bezier(np.swapaxes(forms.vectors(thing, 3), 0, 1), thing.x), names)
+            return cls._made(forms.bezier(np.swapaxes(forms.vector_coefficients(thing, 3), 0, 1), thing.x), names)
         if "PPoly" in kinds:
-            return cls._made(forms.powers_from_left(thing), names)
+            return cls._made(forms.from_ppoly(thing), names)
         if "BSpline" in kinds:
             return cls._made(forms.bspline(thing), names)
         if "Trajectory" in kinds:

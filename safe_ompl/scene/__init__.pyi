@@ -5,7 +5,7 @@ from .constraints import (
     People as People,
     ToolConstraint as ToolConstraint,
 )
-from .mbm import WHERE_FROM as WHERE_FROM, MbmFile as MbmFile, MbmProblem as MbmProblem
+from .mbm import MBM_FILES_ORIGIN as MBM_FILES_ORIGIN, MbmFile as MbmFile, MbmProblem as MbmProblem
 from .program import (
     CONTACT_DEPTH as CONTACT_DEPTH,
     Attach as Attach,

@@ -18,7 +18,7 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene.scenario import configuration_for
 from safe_ompl.scene.scene import Scene
 
-WHERE_FROM = (
+MBM_FILES_ORIGIN = (
     "such files come from VAMP's repository: resources/ROBOT/problems.tar.bz2, made into problems.json by its script "
     "resources/problem_tar_to_pkl_json.py"
 )
@@ -94,7 +94,7 @@ class MbmFile:
                 data = document.mapping("document", files.parse_json(files.file_text(Path(path))))
                 families = document.mapping("problems", document.require(data, "problems"))
             except InputError as error:
-                raise InputError(f"{error}; {WHERE_FROM}") from None
+                raise InputError(f"{error}; {MBM_FILES_ORIGIN}") from None
             with document.within("problems"):
                 lists = {family: document.sequence(family, items) for family, items in families.items()}
             names = document.sequence("joints", data.get("joints", ()))

@@ -10,7 +10,7 @@ from safe_ompl.apps import main
 from safe_ompl.drawing import ViewerContent, read_recording, save_animation
 from safe_ompl.drawing.plots import plot_speeds
 from safe_ompl.geometry import STANDING
-from safe_ompl.io import CarriedProblem, MotionRecord, carried_robot, carried_scene, marked, strict_json
+from safe_ompl.io import CarriedProblem, MotionRecord, carried_robot, carried_scene, strict_json, with_header
 
 TICK = 0.1
 
@@ -57,7 +57,7 @@ def recording(ur5, tmp_path_factory):
 
 def test_a_motion_comes_back_from_its_file(record, trajectory, tmp_path):
     file = tmp_path / "motion.json"
-    content = marked("trajectory", {**trajectory.as_dict(50.0), **record.to_mapping()})
+    content = with_header("trajectory", {**trajectory.as_dict(50.0), **record.to_mapping()})
     file.write_text(strict_json(content), encoding="utf-8")
     back = load(file)
     assert isinstance(back, MotionRecord)
@@ -74,7 +74,7 @@ def test_a_motion_comes_back_from_its_file(record, trajectory, tmp_path):
 @pytest.mark.parametrize("wrong", [[], {}, 1.0, ""])
 def test_what_binds_is_a_name_or_nothing(record, trajectory, tmp_path, wrong):
     file = tmp_path / "motion.json"
-    content = marked("trajectory", {**trajectory.as_dict(50.0), **record.to_mapping()})
+    content = with_header("trajectory", {**trajectory.as_dict(50.0), **record.to_mapping()})
     content["binding"][3] = wrong
     file.write_text(strict_json(content), encoding="utf-8")
     with pytest.raises(InputError, match=r"motion.json: binding\[3\]: must be text"):

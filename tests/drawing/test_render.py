@@ -187,8 +187,8 @@ def test_of_many_paths_two_are_large(planar, scene, tmp_path):
     image = imread(tmp_path / "paths.png")
     words, head, foot = 24, 48, 28
     assert image.shape[:2] == (words + 2 * head + 72 + 30 + foot, 2 * 96 + 3 * 14)  # the others are 41 by 30
-    practice = image[words + head : words + head + 72, 14:110]
-    assert ((practice[..., 0] - practice[..., 1:3].max(axis=2)) > 0.3).any(), "practice is red"
+    baseline = image[words + head : words + head + 72, 14:110]
+    assert ((baseline[..., 0] - baseline[..., 1:3].max(axis=2)) > 0.3).any(), "the baseline is red"
     third = image[words + 2 * head + 72 :, 14:55][:30]
     assert ((third[..., 1] - third[..., 0]) > 0.2).any(), "SafePRM is green"
 

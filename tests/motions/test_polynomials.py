@@ -219,7 +219,7 @@ def test_paths_of_all_kinds(kinova):
         assert not motion.timed
         np.testing.assert_array_equal(motion.times, range(4))
         assert Motion.of(motion) is motion
-    with pytest.raises(InputError, match="does not know its state space: give space"):
+    with pytest.raises(InputError, match="does not know its state space: pass `space`"):
         Motion.of(path)
     with pytest.raises(InputError, match="no path"):
         Motion.of(PlanResult("Timeout", None, None, "PRM", 1, names, 0.1))
@@ -273,15 +273,15 @@ T, Q = [0.0, 1.0, 2.0], np.zeros((3, 2))
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Motion.through(Q, [0.0, 2.0, 1.0]), r"times: must increase, got 1 after 2 \(number 2\)"),
-        (lambda: Motion.hermite([0.0, 1.0, 1.0], Q), r"times: must increase, got 1 after 1 \(number 2\)"),
+        (lambda: Motion.through(Q, [0.0, 2.0, 1.0]), r"times: must increase, got 1 after 2 \(times\[2\]\)"),
+        (lambda: Motion.hermite([0.0, 1.0, 1.0], Q), r"times: must increase, got 1 after 1 \(times\[2\]\)"),
         (lambda: Motion.hermite(T[:2], Q), r"positions: must have shape \(2, any\), got \(3, 2\)"),
         (lambda: Motion.hermite(T, Q * np.nan), "positions: must be finite"),
         (lambda: Motion.hermite(T, Q, Q[:, :1]), r"velocities: must have shape \(3, 2\), got \(3, 1\)"),
         (lambda: Motion.through(Q, names=["a", "a"]), "joint names: must differ, got a, a"),
         (lambda: Motion.through(Q, names=["a"]), "joint names: must be 2, one for each column, got 1"),
         (lambda: Motion.through(Q[:1], [0.0]), "way points: must be at least two, got 1"),
-        (lambda: Motion([0, 1], np.zeros((1, 17, 2)) + 1), "degree of 15 at most.*got 16"),
+        (lambda: Motion([0, 1], np.zeros((1, 17, 2)) + 1), "degree of at most 15, .*got 16"),
         (lambda: Motion([0, 1], np.zeros((1, 2, 2)), slack=[[0, -1.0]]), "slack: must not be negative, got -1"),
         (lambda: Motion([0, 1, 2], [[[0.0], [1.0]], [[1.1], [0.0]]], ("hip",)), "joint 'hip' jumps by 0.1 at 1 s"),
         (lambda: Motion.of(interpolate.PPoly([[0.0, 1.0]], [0, 1, 2])), r"PPoly: must have values of shape \(n,\)"),
@@ -290,7 +290,7 @@ T, Q = [0.0, 1.0, 2.0], np.zeros((3, 2))
         (lambda: Motion.sampled(T, Q, 0.0), "largest velocity: must be a finite number in"),
         (lambda: Motion.of(interpolate.CubicSpline(T, Q + 1j)), r"coefficients: must be numbers, got array"),
         (lambda: Motion.of(interpolate.PPoly(np.ones((2, 2, 2)), T[::-1])), "times: must increase, got 1 after 2"),
-        (lambda: Motion.hermite([0.0, 1.0, 1.0 + 1e-12], Q), "times: must increase, by 1e-9 at least, got 1 after 1"),
+        (lambda: Motion.hermite([0.0, 1.0, 1.0 + 1e-12], Q), "times: must increase by at least 1e-9, got 1 after 1"),
         (lambda: Motion.hermite(T, Q, 3.0), r"velocities: must have shape \(3, 2\), got \(\)"),
         (lambda: Motion.hermite(T, Q, names="ab"), "joint names: must be a list, got str 'ab'"),
         (lambda: Motion.of(interpolate.KroghInterpolator(T, Q)), "motion: must be a Motion, SciPy's"),

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from ompl import base as ob, tools as ot
 
-from safe_ompl.apps.benchmark.campaign import Run, Value, lost, rounds, run_measures, run_planner
+from safe_ompl.apps.benchmark.campaign import Run, Value, result_of_crash, rounds, run_measures, run_planner
 from safe_ompl.common import InputError, files, in_order
 from safe_ompl.planning import PlanResult, SafeSetup
 from safe_ompl.planning.planners import check_usable, make_planner, settings_of
@@ -174,7 +174,7 @@ class Benchmark:
             self._experiment.name, list(planners.values()), repr(self._setup), request.maxTime, request.runCount, seed
         )
         begin = perf_counter()
-        for k, (run, result) in enumerate(zip(runs, in_order(do, runs, workers, lost), strict=True), 1):
+        for k, (run, result) in enumerate(zip(runs, in_order(do, runs, workers, result_of_crash), strict=True), 1):
             crashed = result.status.startswith("Error: ")
             error = {"error": result.status.removeprefix("Error: ")} if crashed else {}
             planners[run.planner].runs.append({**run_measures(result), **error})

@@ -19,16 +19,16 @@ from ompl import geometric as og
 from safe_ompl.common import FloatArray, InputError, in_order, whole_number
 from safe_ompl.planning import PlanResult, SafeSetup, check_named_planner, setup_scenario
 from safe_ompl.planning.planners import is_ours, needs_place, planner_names
-from safe_ompl.planning.simplification import BAND
+from safe_ompl.planning.simplification import SPREAD_PERCENTILES
 from safe_ompl.scene import Scenario
 
 _log = logging.getLogger(__name__)
 
 BASELINE = "OMPL RRTConnect + OMPL's simplifier"
 """The name of the baseline in comparisons: planning with OMPL alone."""
-ALL_WAYS = 'SafeRRTConnect, ways="all"'
+SAFEST_OF_ROUTES = 'SafeRRTConnect, ways="all"'
 """The name, in comparisons, of SafeRRTConnect that searches several routes for the safest one."""
-_PLANNERS = {BASELINE: "RRTConnect", ALL_WAYS: "SafeRRTConnect"}
+_PLANNERS = {BASELINE: "RRTConnect", SAFEST_OF_ROUTES: "SafeRRTConnect"}
 Value = float | int | bool | str | None
 
 
@@ -64,29 +64,29 @@ def run_planner(
 ) -> PlanResult:
     """Do one run of a named or given planner. If the run raises an exception, the result has no path.
 
-    The name may also be `ALL_WAYS` or `BASELINE`. With `BASELINE`, OMPL's RRTConnect plans with the setup's validity
-    and motion checks, and OMPL's `PathSimplifier` simplifies the path until it finds no improvement. Runs are
+    The name may also be `SAFEST_OF_ROUTES` or `BASELINE`. With `BASELINE`, OMPL's RRTConnect plans with the setup's
+    validity and motion checks, and OMPL's `PathSimplifier` simplifies the path until it finds no improvement. Runs are
     independent, and their results can be sent to other processes. Only InputError, which all runs would raise, and
     KeyboardInterrupt are passed on.
     """
     try:
         options: dict[str, Any] = {"parameters": parameters, "simplify": simplify}
         if run.planner == BASELINE:
-            return _practice(setup, run, time, parameters)
+            return _plan_baseline(setup, run, time, parameters)
         named = planner_of(run.planner) if planner is None else planner
-        ways: Literal[1, "all"] = "all" if run.planner == ALL_WAYS else 1
+        ways: Literal[1, "all"] = "all" if run.planner == SAFEST_OF_ROUTES else 1
         result = setup.plan(named, time=time, seed=run.seed, ways=ways, **options)
     except InputError:
         raise
     except Exception as error:
-        return lost(run, str(error), setup.robot.joint_names)
+        return result_of_crash(run, str(error), setup.robot.joint_names)
     # Ctrl-C ends all runs, not only this one.
     if result.interrupted:
         raise KeyboardInterrupt
-    return replace(result, planner=run.planner) if run.planner == ALL_WAYS else result
+    return replace(result, planner=run.planner) if run.planner == SAFEST_OF_ROUTES else result
 
 
-def _practice(setup: SafeSetup, run: Run, time: float, parameters: Mapping[str, Any] | None) -> PlanResult:
+def _plan_baseline(setup: SafeSetup, run: Run, time: float, parameters: Mapping[str, Any] | None) -> PlanResult:
     """Plan with OMPL's RRTConnect and simplify with OMPL's simplifier, which considers only length and collision."""
     result = setup.plan(planner_of(run.planner), time=time, seed=run.seed, parameters=parameters)
     result = replace(result, planner=run.planner)
@@ -112,7 +112,7 @@ def failure(status: str, planner: str, seed: int, joint_names: tuple[str, ...]) 
     return PlanResult(status, None, None, planner, seed, joint_names, planning_time=0.0)
 
 
-def lost(run: Run, words: str, joint_names: tuple[str, ...] = ()) -> PlanResult:
+def result_of_crash(run: Run, words: str, joint_names: tuple[str, ...] = ()) -> PlanResult:
     """Return the result of a run that raised an exception, and log the reason `words`."""
     _log.warning("%s, seed %d: %s", run.planner, run.seed, words)
     return failure(f"Error: {words}", run.planner, run.seed, joint_names)
@@ -169,7 +169,7 @@ class Campaign:
         known = {run: result for result in done if (run := Run(result.planner, result.seed)) in own}
         left = [run for run in runs if run not in known]
         do = partial(_run, pickle.dumps(self)) if isinstance(workers, Executor) else self._runner(setup)
-        return chain(known.values(), in_order(do, left, workers, lost))
+        return chain(known.values(), in_order(do, left, workers, result_of_crash))
 
     def _runner(self, setup: SafeSetup) -> Callable[[Run], PlanResult]:
         time = self.scenario.time if self.time is None else self.time
@@ -194,17 +194,18 @@ def _runner_of(campaign: bytes) -> Callable[[Run], PlanResult]:
 
 
 def default_planners(scenario: Scenario) -> tuple[str, ...]:
-    """Return the default planners of a comparison: baseline, `ALL_WAYS`, and this package's planners that fit the goal.
+    """Return the default planners of a comparison.
 
+    They are the baseline, `SAFEST_OF_ROUTES`, and this package's planners that fit the goal.
     Planners that need a target pose only fit goals that are target poses.
     """
     has_place = scenario.goal.is_place
     ours = (name for name in planner_names() if is_ours(name) and (has_place or not needs_place(name)))
-    return (BASELINE, ALL_WAYS, *ours)
+    return (BASELINE, SAFEST_OF_ROUTES, *ours)
 
 
 def planner_of(name: str) -> str:
-    """Return the planner's own name for a name in a comparison, which may be `BASELINE` or `ALL_WAYS`."""
+    """Return the planner's own name for a name in a comparison, which may be `BASELINE` or `SAFEST_OF_ROUTES`."""
     return _PLANNERS.get(name, name)
 
 
@@ -290,12 +291,12 @@ class Summary:
 
     def spread(self, metric: str) -> float:
         """Return the width of the 15–85 % band of a metric over the seeds; inf for less than two solved runs."""
-        low, high = (self.percentile(metric, percent) for percent in BAND)
+        low, high = (self.percentile(metric, percent) for percent in SPREAD_PERCENTILES)
         return high - low if self.solved > 1 else math.inf
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as plain numbers and strings, with the median and the 15–85 % band of each metric."""
-        marks = {"median": 50, **{f"p{percent}": percent for percent in BAND}}
+        marks = {"median": 50, **{f"p{percent}": percent for percent in SPREAD_PERCENTILES}}
         return {
             "planner": self.planner,
             "runs": self.runs,

@@ -16,16 +16,16 @@ from rich.table import Table
 from rich.text import Text
 
 from safe_ompl.apps.benchmark import (
-    ALL_WAYS,
     BASELINE,
+    SAFEST_OF_ROUTES,
     Campaign,
     Run,
     Summary,
     as_planned,
     default_planners,
     failure,
-    lost,
     planner_of,
+    result_of_crash,
     run_planner,
     summarize,
 )
@@ -37,9 +37,9 @@ from safe_ompl.drawing import plots, render_comparison
 from safe_ompl.io import strict_json as json_line
 from safe_ompl.planning import PlanResult, SafeSetup, setup_problem, setup_scenario
 from safe_ompl.planning.planners import make_planner
-from safe_ompl.planning.simplification import BAND
+from safe_ompl.planning.simplification import SPREAD_PERCENTILES
 from safe_ompl.robot import EXAMPLES, Robot, RobotSpec
-from safe_ompl.scene import WHERE_FROM, MbmFile, Scene
+from safe_ompl.scene import MBM_FILES_ORIGIN, MbmFile, Scene
 
 _RUNS = 10
 
@@ -79,13 +79,13 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Validate the options of `compare` and return a function that runs the command."""
     scenario = arguments.load_scenario(options.scenario, options.package_dir, goal=True)
     planners = options.planners or default_planners(scenario)[1:]
-    # The baseline is the first row. Without simplification the baseline is only its planner, OMPL's RRTConnect, and
-    # ALL_WAYS is left out, because it always simplifies. If the user names the baseline twice, the list stays as it
-    # is, and Campaign refuses the duplicate.
+    # The baseline is the first row. Without simplification the baseline is only its planner, OMPL's RRTConnect, and the
+    # planner that searches several routes is left out, because it always simplifies. If the user names the baseline
+    # twice, the list stays as it is, and Campaign refuses the duplicate.
     first = BASELINE if options.simplify else planner_of(BASELINE)
-    without = {ALL_WAYS} if first != BASELINE else set()
+    left_out = {SAFEST_OF_ROUTES} if first != BASELINE else set()
     if list(planners).count(first) < 2:
-        planners = (first, *(name for name in planners if name not in {first, *without}))
+        planners = (first, *(name for name in planners if name not in {first, *left_out}))
     campaign = Campaign(scenario, planners, options.runs, options.time, options.seed, options.simplify)
     setup = setup_scenario(scenario)
     campaign.check(setup)
@@ -98,17 +98,17 @@ def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -
     """Run all planners with all seeds, then print the table, write report.json and draw the pictures."""
     name, robot = campaign.scenario.name, setup.robot
     with output.progress_bar(output.error_console()) as progress:
-        runs = campaign.results(setup, workers)
+        new_results = campaign.results(setup, workers)
         results: list[PlanResult] = []
-        tracked = progress.track(runs, total=len(campaign), description=f"planning {name}")
+        tracked = progress.track(new_results, total=len(campaign), description=f"planning {name}")
         status = output.each_until_ctrl_c(tracked, results.append)
     summaries = summarize(results)
     planned = summarize([as_planned(setup, result) for result in results])
     groups = {"as planned": planned, "simplified": summaries} if campaign.simplify else {"as planned": planned}
-    # `large` holds the two summaries that are drawn in large: the baseline and the safest. The list is empty if the
-    # user pressed Ctrl-C before the first run ended.
-    large = [summaries[0], safest(summaries)] if summaries else []
-    words = in_words(large[0], large[-1], list(groups)[-1]) if large else ""
+    # `first_two` holds the baseline and the safest planner. They are drawn first, since the first two panels of a
+    # picture with many panels are the largest. The list is empty if the user pressed Ctrl-C before the first run ended.
+    first_two = [summaries[0], safest(summaries)] if summaries else []
+    words = in_words(first_two[0], first_two[-1], list(groups)[-1]) if first_two else ""
     report = {
         "scenario": name,
         "robot": robot.name,
@@ -117,7 +117,7 @@ def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -
             {**summary.as_dict(), "as_planned": before.as_dict()}
             for summary, before in zip(summaries, planned, strict=True)
         ],
-        "safest": large[-1].planner if large else None,
+        "safest": first_two[-1].planner if first_two else None,
         "words": words,
         "runs": [record(name, robot, result) for result in results],
     }
@@ -129,14 +129,14 @@ def _compare(campaign: Campaign, setup: SafeSetup, workers: int, folder: Path) -
     if advice:
         console.print(f"safe-ompl: no pictures: {advice}")
     else:
-        shown = sorted(summaries, key=lambda summary: summary not in large)
+        shown = sorted(summaries, key=lambda summary: summary not in first_two)
         typical = {summary.planner: summary.typical for summary in shown if summary.typical}
         with console.status("drawing"):
             plots.plot_profiles({summary.planner: summary.profiles for summary in shown}, folder / "profiles.png")
             if typical:
                 # The caption of the picture leaves out the last part of the text, which is the planning time.
-                gain = words.rpartition(", ")[0] if all(summary.solved for summary in large) else words
-                render_comparison(setup.robot, setup.scene, typical, folder / "paths.png", words=gain)
+                caption = words.rpartition(", ")[0] if all(summary.solved for summary in first_two) else words
+                render_comparison(setup.robot, setup.scene, typical, folder / "paths.png", words=caption)
     console.print(f"report{'' if advice else ' and pictures'} in {folder}")
     console.print(f"see them move: safe-ompl view {campaign.scenario.file or name}")
     return status or int(not all(summary.solved for summary in summaries))
@@ -148,10 +148,12 @@ _VISIBLE = 0.01
 
 
 class _Column(NamedTuple):
-    """A column of the comparison table: heading, metric whose median is shown, and whether larger values are better."""
+    """A column of the comparison table: its two heading lines, and the metric whose median is shown."""
 
-    quantity: str
-    heading: str
+    # The upper heading line. Adjacent columns with the same title share this line.
+    title: str
+    # The lower heading line: a unit, or which statistic of the path is shown ("mean", "peak").
+    subtitle: str
     # A key of `Summary.metrics`.
     metric: str
     scale: float = 1.0
@@ -181,14 +183,14 @@ class _Column(NamedTuple):
     def cells(self, summaries: Sequence[Summary], mark_best: bool) -> list[Text]:
         """Return one table cell per summary. Each cell ends in the mark for the best or in a space.
 
-        All values get as many decimals, at most two, as the largest value needs for three significant digits.
+        All values get the same number of decimals: 0 if the largest is 100 or more, 1 if it is 10 or more, else 2.
         """
         values = [self.value(summary) for summary in summaries]
-        most = max((value for value in values if math.isfinite(value)), default=0.0)
-        digits = 0 if most >= 100 else 1 if most >= 10 else 2
+        largest = max((value for value in values if math.isfinite(value)), default=0.0)
+        decimals = 0 if largest >= 100 else 1 if largest >= 10 else 2
         cells = []
         for summary, value in zip(summaries, values, strict=True):
-            written = f"{value:.{digits}f}" if math.isfinite(value) else "–"
+            written = f"{value:.{decimals}f}" if math.isfinite(value) else "–"
             best = mark_best and self.is_best(summary, summaries)
             cells.append(Text(written + _BEST, "bold green") if best else Text(f"{written} "))
         return cells
@@ -203,41 +205,40 @@ _COLUMNS = (_TIME, _MEAN, _PEAK, _CLEARANCE, _LENGTH)
 
 
 def safest(summaries: Sequence[Summary]) -> Summary:
-    """Return the first summary, except the baseline, that no other summary beats in both mean and peak danger.
+    """Return the first planner's summary that no other of the candidates beats in both mean and peak danger.
 
-    `summaries[0]` is the baseline.
+    The candidates are the planners that found a path, without the baseline, which is `summaries[0]`. If there is no
+    candidate, the last summary is returned.
     """
-    ours = [summary for summary in summaries[1:] if summary.solved] or summaries[-1:]
-    return next(one for one in ours if not any(_MEAN.beats(by, one) and _PEAK.beats(by, one) for by in ours))
+    candidates = [summary for summary in summaries[1:] if summary.solved] or summaries[-1:]
+
+    def is_beaten(one: Summary) -> bool:
+        return any(_MEAN.beats(other, one) and _PEAK.beats(other, one) for other in candidates)
+
+    return next(candidate for candidate in candidates if not is_beaten(candidate))
 
 
-def in_words(practice: Summary, ours: Summary, kind: str) -> str:
+def in_words(baseline: Summary, planner: Summary, kind: str) -> str:
     """Return a sentence that compares a planner with the baseline; `kind` is "as planned" or "simplified"."""
-    for summary, who in ((practice, "the baseline"), (ours, ours.planner)):
+    for summary, name in ((baseline, "the baseline"), (planner, planner.planner)):
         if not summary.solved:
-            return f"{who}: no path in {summary.runs} runs"
+            return f"{name}: no path in {summary.runs} runs"
 
-    def within(column: _Column) -> str:
-        clear = column.beats(ours, practice) or column.beats(practice, ours)
-        return "" if clear else " (within the spread over the seeds)"
+    def compared(column: _Column, difference: float, unit: str, quantity: str) -> str:
+        if not round(difference):
+            return f"the same {quantity}"
+        clear = column.beats(planner, baseline) or column.beats(baseline, planner)
+        note = "" if clear else " (within the spread over the seeds)"
+        return f"{abs(difference):.0f} {unit} {'more' if difference > 0 else 'less'} {quantity}{note}"
 
-    said = []
-    if peak := _PEAK.value(practice):
-        share = round(100 * (_PEAK.value(ours) / peak - 1))
-        side = "above" if share > 0 else "below"
-        said.append(f"peak danger {abs(share)} % {side}{within(_PEAK)}" if share else "the same peak danger")
-    room = _CLEARANCE.value(ours) - _CLEARANCE.value(practice)
-    if math.isfinite(room):
-        clearance = _difference(room, "mm", " clearance than") or "the same clearance as"
-        said.append(f"{clearance} the baseline{within(_CLEARANCE) if round(room) else ''}")
-    longer = _TIME.value(ours) - _TIME.value(practice)
-    said.append(_difference(longer, "ms", within(_TIME)) or "in the same time")
-    return f"{ours.planner}, {kind}: {', '.join(said)}"
-
-
-def _difference(value: float, unit: str, more: str) -> str:
-    """Format a difference as "12 mm more" or "12 mm less", followed by `more`. Return "" if it rounds to 0."""
-    return f"{abs(value):.0f} {unit} {'more' if value > 0 else 'less'}{more}" if round(value) else ""
+    parts = []
+    if peak := _PEAK.value(baseline):
+        parts.append(compared(_PEAK, 100 * (_PEAK.value(planner) / peak - 1), "%", "peak danger"))
+    clearance = _CLEARANCE.value(planner) - _CLEARANCE.value(baseline)
+    if math.isfinite(clearance):
+        parts.append(compared(_CLEARANCE, clearance, "mm", "clearance"))
+    parts.append(compared(_TIME, _TIME.value(planner) - _TIME.value(baseline), "ms", "planning time"))
+    return f"{planner.planner}, {kind}, compared with the baseline: {', '.join(parts)}"
 
 
 def summary_table(
@@ -252,8 +253,8 @@ def summary_table(
     table.caption = "Medians over the solved runs. time: to plan and to simplify. clear.: least clearance"
     if mark_best:
         table.caption += (
-            f". {_BEST} better than some row by more than the spread over the seeds, and no worse than the best row by "
-            f"more than that (spread: from {BAND[0]} to {BAND[1]} % of the runs)"
+            f". {_BEST}: within the spread of the best row, and better than at least one row by more than the spread "
+            f"(spread: {SPREAD_PERCENTILES[0]}th to {SPREAD_PERCENTILES[1]}th percentile over the seeds)"
         )
     rows = list(groups.values())[-1]
     if not any(summary.percentile("danger_max") for summary in rows):
@@ -276,18 +277,18 @@ def summary_table(
 def _block(group: str, columns: Sequence[_Column], summaries: Sequence[Summary], mark_best: bool) -> list[Text]:
     """Join the columns of a group into single texts: a heading with the name of the group, then a line per summary."""
     # Each heading ends in a space so that it is aligned with the digits and not with the mark.
-    cells = [[Text(f"{column.heading} "), *column.cells(summaries, mark_best)] for column in columns]
-    widths, quantities = [max(map(len, of_column)) for of_column in cells], []
-    for quantity, members in groupby(range(len(columns)), lambda k: columns[k].quantity):
+    cells = [[Text(f"{column.subtitle} "), *column.cells(summaries, mark_best)] for column in columns]
+    widths, titles = [max(map(len, of_column)) for of_column in cells], []
+    for title, members in groupby(range(len(columns)), lambda k: columns[k].title):
         span = list(members)
         width = sum(widths[k] for k in span) + len(span) - 1
-        widths[span[-1]] += max(0, len(quantity) - width)
-        quantities.append(quantity.center(max(width, len(quantity))))
+        widths[span[-1]] += max(0, len(title) - width)
+        titles.append(title.center(max(width, len(title))))
     lines = [
         Text(" ").join(Text(" " * (width - len(cell))) + cell for width, cell in zip(widths, row, strict=True))
         for row in zip(*cells, strict=True)
     ]
-    headings = [Text(words) for words in (group.center(len(lines[0])), " ".join(quantities)) if words.strip()]
+    headings = [Text(words) for words in (group.center(len(lines[0])), " ".join(titles)) if words.strip()]
     return [Text("\n").join([*headings, lines[0]]), *lines[1:]]
 
 
@@ -303,16 +304,16 @@ def _add_mbm(commands: Any) -> None:
         prepare_mbm,
         "run a MotionBenchMaker file, one JSON line per problem",
         "Run the problems of a MotionBenchMaker file (JSON form), one JSON line per problem. "
-        f"Every obstacle is dangerous, with weight 1; {WHERE_FROM}.",
+        f"Every obstacle is dangerous, with weight 1; {MBM_FILES_ORIGIN}.",
     )
     option(parser, "file FILE", "the problems")
     arguments.add_planner_options(parser, usual_time=f"{USUAL_TIME:g}")
-    read = output.output_file(".jsonl", ".json", output.STANDARD_OUTPUT)
+    output_name = output.output_file(".jsonl", ".json", output.STANDARD_OUTPUT)
     option(
         parser,
         "--json FILE",
         "write one JSON line per problem to this file; default: standard output",
-        read,
+        output_name,
         output.STANDARD_OUTPUT,
     )
     arguments.add_workers(parser, "problems")
@@ -326,6 +327,7 @@ def prepare_mbm(options: argparse.Namespace) -> Callable[[], int]:
         raise InputError("holds no problem", options.file)
     robot = _robot(file, options)
     parameters = arguments.given_parameters(options)
+    # Setup and planner are made only to check the planner's name and parameters.
     empty = SafeSetup(robot, Scene(), danger=None)
     make_planner(options.planner, empty.getSpaceInformation(), parameters)
     return partial(_solve_all, file, robot, parameters, options)
@@ -339,30 +341,32 @@ def _solve_all(file: MbmFile, robot: Robot, parameters: dict[str, Any], options:
     run, time = Run(options.planner, options.seed), options.time or USUAL_TIME
     problems = [(family, k) for family, count in file.families.items() for k in range(count)]
 
-    def solve(at: tuple[str, int]) -> _Solved:
-        family, index, widened = *at, dict[str, Any]()
+    def solve(task: tuple[str, int]) -> _Solved:
+        # If the problem cannot be read, its position k in the family stands for its index.
+        family, k = task
+        problem_index, widened = k, dict[str, Any]()
         try:
-            problem = file.problem(*at)
-            index, widened = problem.index, problem.widened_limits(robot)
+            problem = file.problem(family, k)
+            problem_index, widened = problem.index, problem.widened_limits(robot)
             setup = setup_problem(problem, robot)
             result = run_planner(setup, run, time=time, parameters=parameters, simplify=options.simplify)
         except InputError as error:
             result = failure(f"Invalid input: {error}", *run, robot.joint_names)
-        return family, index, widened, result
+        return family, problem_index, widened, result
 
-    def lost_problem(at: tuple[str, int], words: str) -> _Solved:
-        return *at, {}, lost(run, words, robot.joint_names)
+    def result_of_crashed_process(task: tuple[str, int], words: str) -> _Solved:
+        return *task, {}, result_of_crash(run, words, robot.joint_names)
 
     with output.opened(options.json) as stream, output.progress_bar(console, hidden=to_terminal) as progress:
 
         def write(solved: _Solved) -> None:
-            family, index, widened, result = solved
-            told = record(f"{family}/{index}", robot, result)
-            line = {"family": family, "index": index, **told, "widened_limits": widened}
+            family, problem_index, widened, result = solved
+            content = record(f"{family}/{problem_index}", robot, result)
+            line = {"family": family, "index": problem_index, **content, "widened_limits": widened}
             print(json_line(line), file=stream, flush=True)
             results.setdefault(family, []).append(result)
 
-        solutions = in_order(solve, problems, options.workers or 1, lost_problem)
+        solutions = in_order(solve, problems, options.workers or 1, result_of_crashed_process)
         tracked = progress.track(solutions, total=len(problems), description=file.path.name)
         status = output.each_until_ctrl_c(tracked, write)
     console.print(summary_table("family", {"": [Summary.of(*of_family) for of_family in results.items()]}))

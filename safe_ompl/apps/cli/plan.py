@@ -29,8 +29,8 @@ from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
 
-# If a robot that follows the exported points cannot stop before a person can reach it, the duration is multiplied by
-# these factors, one after another.
+# If a robot that follows the exported points cannot stop before a person can reach it, the points are written with a
+# longer duration. These factors of the first duration are tried in this order.
 _SLOWDOWNS = (1.0, 1.005, 1.02, 1.05, 1.15)
 
 
@@ -40,10 +40,13 @@ def add_commands(commands: Any) -> None:
     arguments.add_scenario(parser)
     arguments.add_planner_options(parser, usual_time="the scenario's")
     option(parser, "--optimise SECONDS", "search for this long, and return the best path found", arguments.seconds)
-    words = "the best of K plans, whose seeds count up; each has the time limit"
+    words = "plan K times, with seeds N, N + 1, … (--seed N), and return the best path; the time limit is for each plan"
     option(parser, "--starts K", words, arguments.count)
     arguments.add_workers(parser, "starts")
-    words = "all: the safest of several ways past people and obstacles, simplified; says what the next best costs"
+    words = (
+        "all: search several routes past people and obstacles, return the safest, simplified, and print its cost and "
+        "that of the second best"
+    )
     option(parser, "--ways WAYS", words, _ways)
     words = "write the result as JSON, for `safe-ompl view`; -: print it, and no table"
     option(parser, "--json FILE", words, output.JSON_FILE)
@@ -59,13 +62,14 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     begin = perf_counter()
     scenario = arguments.with_limits(arguments.load_scenario(options.scenario, options.package_dir), options)
     if options.workers and not options.starts:
-        raise InputError("run starts in parallel: give --starts K, too", "--workers")
+        raise InputError("workers plan the starts in parallel: give --starts K, too", "--workers")
     if scenario.program is not None:
         return _prepare_program(options, scenario)
     robot = scenario.build_robot()
     setup = setup_scenario(scenario, robot)
     check_named_planner(scenario, options.planner, setup)
     parameters = arguments.run_options(options, scenario, options.planner)["parameters"]
+    # This planner is made only to check its parameters.
     make_planner(options.planner, setup.getSpaceInformation(), parameters)
     limits = rate_limits(scenario, robot, options)
     return partial(_plan, scenario, setup, options, perf_counter() - begin, limits)
@@ -94,7 +98,7 @@ def _plan(
     # The file has the format that `safe_ompl.save` writes, plus the names of the scenario and the robot.
     if options.json:
         names = {"scenario": scenario.name, "robot": setup.robot.name}
-        output.write_json(options.json, {**io.marked("result", names), **io.result_to_mapping(result)})
+        output.write_json(options.json, {**io.with_header("result", names), **io.result_to_mapping(result)})
     if options.json != output.STANDARD_OUTPUT:
         output.say(f"{scenario.name} · {setup.robot.name}\n{result}")
     trajectory = None
@@ -145,7 +149,10 @@ def add_timed_options(
 
 
 def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -> motions.RateLimits | None:
-    """Validate the options of a trajectory and return the scenario's joint limits; None if no option asks for one."""
+    """Validate the options of a trajectory and return the scenario's joint limits.
+
+    Returns None if no option asks for a trajectory.
+    """
     if not (options.timed or options.trajectory or options.timed_plot):
         if options.rate is not None:
             raise InputError("needs a timed trajectory: give --trajectory FILE, too", "--rate")
@@ -192,33 +199,33 @@ def show_timed(
         assert result.robot is not None
         assert result.scene is not None
         rate, problem = options.rate or motions.RATE, io.CarriedProblem(result.robot, result.scene, result.danger)
-        record = io.MotionRecord.of(trajectory, problem, rate=rate, name=result.planner)
+        motion_record = io.MotionRecord.of(trajectory, problem, rate=rate, name=result.planner)
         # The document is a JointTrajectory with additional keys that `safe-ompl view` needs.
-        content = io.marked("trajectory", {**trajectory.as_dict(rate), **record.to_mapping()})
+        content = io.with_header("trajectory", {**trajectory.as_dict(rate), **motion_record.to_mapping()})
         # With jerk limits, stopping in time is only proven for the trajectory itself, so the check of the exported
         # points leaves people out.
         people = scenario.people if trajectory.limits.jerk is None else None
-        # A stop from the interpolation between exported points may take longer than a stop from the trajectory, which
-        # uses all of the allowed stopping time. The exported points are therefore slowed down until the check succeeds.
+        # The trajectory uses all of the allowed stopping time. Between exported points the controller interpolates, and
+        # a stop from there may take longer. The exported points are therefore slowed down until the check succeeds.
         for factor in _SLOWDOWNS:
             slower = content if factor == 1 else _slower(content, factor)
-            read, other = _written(slower, options.trajectory)
-            found = setup.check(read, trajectory.limits, people)
+            motion_in_file, content_not_json = _written(slower, options.trajectory)
+            found = setup.check(motion_in_file, trajectory.limits, people)
             if {violation.kind for violation in found.violations} != {"separation"}:
                 break
         if not found:
             output.error_console().print(
-                f"safe-ompl: nothing is written to {options.trajectory}: between its points {found.violations[0]}; "
-                "try another --rate"
+                f"safe-ompl: nothing is written to {options.trajectory}: between the points of the trajectory the "
+                f"check fails: {found.violations[0]}; try another --rate"
             )
             return False
         if factor > 1:
-            longer = f"takes {factor:g} times as long, for stops between its points"
-            output.error_console().print(f"{options.trajectory}: {longer}")
-        if other is None:
+            reason = "so that the robot can stop in time also between the points"
+            output.error_console().print(f"{options.trajectory}: the motion takes {factor:g} times as long, {reason}")
+        if content_not_json is None:
             output.write_json(options.trajectory, slower)
         else:
-            files.write(options.trajectory, other)
+            files.write(options.trajectory, content_not_json)
     return True
 
 
@@ -227,13 +234,14 @@ def _written(content: Mapping[str, Any], file: str) -> tuple[motions.Motion, str
     motion = io.motion_of_document(content)
     if Path(file).suffix.lower() in ("", ".json"):
         return motion, None
-    other, read = io.motion_content(motion, file)
-    return read, other
+    content_not_json, motion_in_file = io.motion_content(motion, file)
+    return motion_in_file, content_not_json
 
 
 def _slower(content: Mapping[str, Any], factor: float) -> dict[str, Any]:
     """Scale the time of a trajectory document by `factor` (> 1: slower)."""
-    # By key the power of `factor` that values are divided by. Times are multiplied, positions stay.
+    # `orders` maps each key to the power of `factor` by which its values are divided. Other values, such as the
+    # positions, stay.
     orders = {"time_from_start": -1, "velocities": 1, "accelerations": 2}
     points = [
         {key: (np.array(value) / factor ** orders.get(key, 0)).tolist() for key, value in point.items()}
@@ -247,6 +255,7 @@ def describe_timing(trajectory: motions.Trajectory) -> str:
     """Return one line with the duration, and the share of the duration in which each limit is active."""
     spans = (trajectory.law.times[1:] - trajectory.law.times[:-1]).tolist()
     shares: dict[str, float] = {}
+    # `binding` returns None where the joint acceleration is the limit.
     for name, span in zip(trajectory.binding(), spans, strict=True):
         shares[name or "joint acceleration"] = shares.get(name or "joint acceleration", 0.0) + span
     shown = sorted(shares.items(), key=lambda item: -item[1])
@@ -269,9 +278,9 @@ def _prepare_program(options: argparse.Namespace, scenario: Scenario) -> Callabl
 
 def _plan_program(options: argparse.Namespace, scenario: Scenario) -> int:
     result = tasks.plan_program(scenario, time=options.time or tasks.PROGRAM_TIME, seed=options.seed)
-    said = result.as_dict()
+    content = result.as_dict()
     if options.json:
-        output.write_json(options.json, io.marked("motion", said))
+        output.write_json(options.json, io.with_header("motion", content))
     if options.json != output.STANDARD_OUTPUT:
         output.say(f"{scenario.name}\n{result}")
     if not result:
@@ -279,11 +288,12 @@ def _plan_program(options: argparse.Namespace, scenario: Scenario) -> int:
     if options.trajectory:
         files.write(options.trajectory, io.motion_content(result.motion, options.trajectory)[0])
     if options.certificate:
+        # During a stretch of the motion, robot and scene do not change.
         stretches = ((stretch.begin, stretch.check) for stretch in result.stretches)
-        names = [said["steps"][stretch.step] for stretch in result.stretches]
-        begin = tasks.program_robot(scenario), scenario.scene
+        names = [content["steps"][stretch.step] for stretch in result.stretches]
+        start_state = tasks.program_robot(scenario), scenario.scene
         proof = certificates.program_certificate(
-            stretches, source_of(scenario, options.certificate), names, begin=begin
+            stretches, source_of(scenario, options.certificate), names, begin=start_state
         )
         output.write_json(options.certificate, proof)
     if options.plot:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from safe_ompl.apps.benchmark import ALL_WAYS, BASELINE, Run, planner_of, run_planner
+from safe_ompl.apps.benchmark import BASELINE, SAFEST_OF_ROUTES, Run, planner_of, run_planner
 from safe_ompl.apps.cli import arguments, output
 from safe_ompl.apps.cli.arguments import option
 from safe_ompl.common import InputError, files
@@ -26,7 +26,7 @@ from safe_ompl.robot import PackageDir
 from safe_ompl.scene import Scenario
 from safe_ompl.tasks import PROGRAM_TIME, plan_program
 
-_SHOWN_PLANNERS = (BASELINE, ALL_WAYS)
+_SHOWN_PLANNERS = (BASELINE, SAFEST_OF_ROUTES)
 _NONE = ("none",)
 
 

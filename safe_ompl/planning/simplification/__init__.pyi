@@ -1,8 +1,8 @@
 from .cost import PathCost as PathCost
 from .hybrids import hybrid as hybrid
 from .measures import (
-    BAND as BAND,
     PROFILE_POINTS as PROFILE_POINTS,
+    SPREAD_PERCENTILES as SPREAD_PERCENTILES,
     ClearanceReport as ClearanceReport,
     Curve as Curve,
     DangerReport as DangerReport,

@@ -50,7 +50,7 @@ def with_way_points(path: FloatArray, places: FloatArray, apart: float) -> Float
 NEAR = 0.05  # [m]
 PROFILE_POINTS = 101
 # The percentiles [%] of the runs between which the paper's figures draw a band.
-BAND = (15, 85)
+SPREAD_PERCENTILES = (15, 85)
 # The largest distance between two samples of a path.
 _SAMPLE_DISTANCE = 0.05  # [rad]
 # The number of bisections around the sample of least clearance.

@@ -15,15 +15,15 @@ from ompl import geometric as og, tools as ot
 
 from safe_ompl import Benchmark, SafeRRTConnect, SafeSetup, Scenario, load, save
 from safe_ompl.apps.benchmark import (
-    ALL_WAYS,
     BASELINE,
+    SAFEST_OF_ROUTES,
     Campaign,
     Run,
     Summary,
     as_planned,
     default_planners,
     failure,
-    lost,
+    result_of_crash,
     summarize,
 )
 from safe_ompl.common import InputError, PlanningError, UnknownNameError, in_order, warn_once
@@ -72,7 +72,7 @@ def test_an_executor_does_the_runs_and_what_was_done_before_is_not_repeated(scen
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_todays_practice_is_what_ompls_own_classes_give(scenario, setup, workers):
+def test_the_baseline_is_what_ompls_own_classes_give(scenario, setup, workers):
     (result,) = Campaign(scenario, (BASELINE,), 1, seed=3, simplify=True).results(setup, workers)
     planner, _ = setup.prepare("RRTConnect", 3)
     assert type(planner) is og.RRTConnect
@@ -89,10 +89,10 @@ def test_todays_practice_is_what_ompls_own_classes_give(scenario, setup, workers
 
 
 def test_the_safest_way_of_a_comparison_is_that_of_the_setup(scenario, setup):
-    (result,) = Campaign(scenario, (ALL_WAYS,), 1, seed=3, simplify=True).results(setup)
+    (result,) = Campaign(scenario, (SAFEST_OF_ROUTES,), 1, seed=3, simplify=True).results(setup)
     same = setup.plan("SafeRRTConnect", time=scenario.time, seed=3, ways="all")
     np.testing.assert_array_equal(result.path, same.path)
-    assert (result.planner, result.ways) == (ALL_WAYS, same.ways)
+    assert (result.planner, result.ways) == (SAFEST_OF_ROUTES, same.ways)
 
 
 class Unlucky(Executor):
@@ -139,7 +139,7 @@ class Fragile(Executor):
 
 def test_short_runs_are_sent_together_and_those_beside_a_lost_one_once_more():
     runs, executor = [Run("a", seed) for seed in range(200)], Fragile()
-    found = list(in_order(lambda run: failure("Timeout", *run, ()), runs, executor, lost))
+    found = list(in_order(lambda run: failure("Timeout", *run, ()), runs, executor, result_of_crash))
     assert [result.seed for result in found] == list(range(200))
     assert [result.seed for result in found if result.status != "Timeout"] == [40]
     assert executor.sent < 60
@@ -175,7 +175,7 @@ def test_a_run_that_kills_its_process_has_no_path_and_the_others_have():
             os.kill(os.getpid(), signal.SIGKILL)
         return failure("Timeout", *run, ())
 
-    statuses = [result.status for result in in_order(do, [Run("a", seed) for seed in range(4)], 2, lost)]
+    statuses = [result.status for result in in_order(do, [Run("a", seed) for seed in range(4)], 2, result_of_crash)]
     assert statuses == ["Timeout", "Error: the process ended with exit code -9", "Timeout", "Timeout"]
 
 
@@ -184,7 +184,7 @@ def test_what_is_said_once_is_said_once_though_every_process_has_to_say_it(caplo
         warn_once(logging.getLogger("safe_ompl.talk"), "said by every process")
         return failure("Timeout", *run, ())
 
-    assert len(list(in_order(do, [Run("a", seed) for seed in range(4)], 2, lost))) == 4
+    assert len(list(in_order(do, [Run("a", seed) for seed in range(4)], 2, result_of_crash))) == 4
     assert [record.getMessage() for record in caplog.records] == ["said by every process"]
 
 
@@ -203,13 +203,17 @@ def test_bad_campaigns_are_refused_before_any_run(scenario, setup, planners, run
         Campaign(scenario, planners, runs).results(setup, workers)
 
 
-def test_default_planners_are_todays_practice_and_all_of_ours_that_fit_the_goal(scenario):
+def test_default_planners_are_the_baseline_and_all_of_ours_that_fit_the_goal(scenario):
     ours = [name for name in planner_names() if is_ours(name)]
     both = dataclasses.replace(scenario.goal, position=(0.3, 0.0, 0.4))
-    assert default_planners(dataclasses.replace(scenario, goal=both)) == (BASELINE, ALL_WAYS, *ours)
+    assert default_planners(dataclasses.replace(scenario, goal=both)) == (BASELINE, SAFEST_OF_ROUTES, *ours)
     configurations = dataclasses.replace(scenario.goal, position=None)
     fitting = [name for name in ours if "JTRRT" not in name]
-    assert default_planners(dataclasses.replace(scenario, goal=configurations)) == (BASELINE, ALL_WAYS, *fitting)
+    assert default_planners(dataclasses.replace(scenario, goal=configurations)) == (
+        BASELINE,
+        SAFEST_OF_ROUTES,
+        *fitting,
+    )
 
 
 def test_summaries(results):

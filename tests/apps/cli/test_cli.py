@@ -227,25 +227,27 @@ def test_compare_writes_table_and_report(run, folder, monkeypatch):
         assert summary["solved"] == summary["runs"] == 4
         assert list(summary["danger_mean"]) == ["median", "p15", "p85"]
         assert summary["typical_seed"] in range(7, 11)
-    practice, plain, _ = report["summary"]
-    assert practice["as_planned"]["danger_mean"] == plain["as_planned"]["danger_mean"], "the same planner"
-    assert practice["danger_max"]["median"] > practice["as_planned"]["danger_max"]["median"]
+    baseline, plain, _ = report["summary"]
+    assert baseline["as_planned"]["danger_mean"] == plain["as_planned"]["danger_mean"], "the same planner"
+    assert baseline["danger_max"]["median"] > baseline["as_planned"]["danger_max"]["median"]
     assert plain["danger_max"]["median"] < plain["as_planned"]["danger_max"]["median"]
     # The words are those of the medians.
     safest = next(summary for summary in report["summary"] if summary["planner"] == report["safest"])
-    below = 100 * (1 - safest["danger_max"]["median"] / practice["danger_max"]["median"])
-    more = 1e3 * (safest["clearance_min"]["median"] - practice["clearance_min"]["median"])
-    assert f"{report['safest']}, simplified: peak danger {below:.0f} % below" in report["words"]
-    assert f", {more:.0f} mm more clearance than the baseline" in report["words"]
+    below = 100 * (1 - safest["danger_max"]["median"] / baseline["danger_max"]["median"])
+    more = 1e3 * (safest["clearance_min"]["median"] - baseline["clearance_min"]["median"])
+    assert (
+        f"{report['safest']}, simplified, compared with the baseline: {below:.0f} % less peak danger" in report["words"]
+    )
+    assert f", {more:.0f} mm more clearance" in report["words"]
     assert report["words"] in " ".join(rest.split())
 
 
-def test_compare_without_simplification_begins_with_the_planner_of_todays_practice(run, folder):
+def test_compare_without_simplification_begins_with_the_planner_of_the_baseline(run, folder):
     arguments = ("--planners", "SafeRRTConnect", "--runs", 2, "--no-simplify")
     assert run("compare", "test.yaml", *arguments)[0] == 0
     report = strict((folder / "compare-test/report.json").read_text())
     assert [summary["planner"] for summary in report["summary"]] == ["RRTConnect", "SafeRRTConnect"]
-    assert "SafeRRTConnect, as planned: " in report["words"]
+    assert "SafeRRTConnect, as planned, compared with" in report["words"]
     assert {run["simplification_time"] for run in report["runs"]} == {0.0}
 
 
@@ -272,27 +274,28 @@ MARKS = [
 
 @pytest.mark.parametrize(("others", "starred"), MARKS)
 def test_marks_stand_only_where_differences_are_larger_than_the_spread(others, starred):
-    rows = [summary_of("practice"), *(summary_of(f"ours {k}", **values) for k, values in enumerate(others))]
+    rows = [summary_of("baseline"), *(summary_of(f"ours {k}", **values) for k, values in enumerate(others))]
     (mean,) = (column for column in compare._COLUMNS if column.metric == "danger_mean")
     cells = [cell.plain for cell in mean.cells(rows, mark_best=True)]
     assert [k for k, cell in enumerate(cells) if cell.endswith("*")] == starred
     assert not any(cell.endswith("*") for cell in (cell.plain for cell in mean.cells(rows, mark_best=False)))
 
 
+AGAINST_BASELINE = "SafePRM, simplified, compared with the baseline: "
 WORDS = [
     (
         {"peak": 3.69, "clearance": 65.2, "time": 5.1},
-        "SafePRM, simplified: peak danger 59 % below, 45 mm more clearance than the baseline, 4 ms more",
+        AGAINST_BASELINE + "59 % less peak danger, 45 mm more clearance, 4 ms more planning time",
     ),
     (
         {"peak": 9.9, "clearance": 11.0, "time": 0.2},
-        "SafePRM, simplified: peak danger 10 % above, 9 mm less clearance than the baseline, 1 ms less",
+        AGAINST_BASELINE + "10 % more peak danger, 9 mm less clearance, 1 ms less planning time",
     ),
-    ({}, "SafePRM, simplified: the same peak danger, the same clearance as the baseline, in the same time"),
+    ({}, AGAINST_BASELINE + "the same peak danger, the same clearance, the same planning time"),
     (
         {"peak": 8.1, "spread": 0.5},
-        "SafePRM, simplified: peak danger 10 % below (within the spread over the seeds), "
-        "the same clearance as the baseline, in the same time",
+        AGAINST_BASELINE + "10 % less peak danger (within the spread over the seeds), "
+        "the same clearance, the same planning time",
     ),
     ({"runs": 0}, "SafePRM: no path in 3 runs"),
 ]
@@ -304,7 +307,7 @@ def test_the_last_line_says_in_words_what_the_table_has(ours, words):
 
 
 def test_the_safest_is_the_first_of_ours_that_none_of_ours_beats_in_mean_and_peak():
-    values = {"practice": (1.0, 1.0), "a": (5.0, 9.0), "b": (4.5, 7.0), "c": (4.0, 7.0), "d": (4.4, 6.99)}
+    values = {"baseline": (1.0, 1.0), "a": (5.0, 9.0), "b": (4.5, 7.0), "c": (4.0, 7.0), "d": (4.4, 6.99)}
     rows = [summary_of(name, mean=mean, peak=peak) for name, (mean, peak) in values.items()]
     assert compare.safest(rows).planner == "b", "d is better by less than is seen"
     assert compare.safest([rows[0], summary_of("none", runs=0), *rows[1:2]]).planner == "a"
