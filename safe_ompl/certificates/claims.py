@@ -139,10 +139,10 @@ class ClaimedTool(Section):
 
     @property
     def sentences(self) -> list[str]:
-        said = [] if self.orientation is None else [self.orientation.sentence]
+        sentences = [] if self.orientation is None else [self.orientation.sentence]
         if self.position is not None:
-            said.append(f"the tip at {', '.join(_bounds(axis, *of) for axis, of in self.position.items())}")
-        return said
+            sentences.append(f"the tip at {', '.join(_bounds(axis, *of) for axis, of in self.position.items())}")
+        return sentences
 
 
 def _bounds(axis: str, low: float, high: float) -> str:
@@ -234,7 +234,7 @@ def _check_rates(claim: Any, robot: Robot) -> None:
 
 
 def _rates(claim: Any) -> str:
-    limits = {said: getattr(claim, name) for name, said in RATES.items()}
+    limits = {word: getattr(claim, name) for name, word in RATES.items()}
     within = [f"{name} of ({', '.join(map(at_most, of))})" for name, of in limits.items() if of is not None]
     return f"the joints within {', '.join(within)} [rad or m, s]"
 
@@ -289,14 +289,14 @@ class ClaimedMotion(Section):
     def sentences(self) -> list[str]:
         count = len(self.coefficients)
         kind = "straight edges" if all(len(piece) == 2 for piece in self.coefficients) else "polynomials"
-        said = [
+        sentences = [
             f"a path of {count} {kind}" if self.lasts is None else f"a motion of {count} {kind} in {self.lasts:.3f} s"
         ]
         if self.slack is not None:
             least = ", ".join(map(at_least, self.slack.min(axis=0)))
-            said[0] += f", and whatever is within ({least}) [rad or m] of them"
-        said += [] if self.velocity is None else [_rates(self)]
-        return said
+            sentences[0] += f", and whatever is within ({least}) [rad or m] of them"
+        sentences += [] if self.velocity is None else [_rates(self)]
+        return sentences
 
     @property
     def not_claimed(self) -> list[str]:
@@ -348,20 +348,20 @@ class ClaimedTrajectory(ClaimedMotion):
 
     @property
     def sentences(self) -> list[str]:
-        said = [f"driven in {self.duration:.3f} s, {_rates(self)}"]
+        sentences = [f"driven in {self.duration:.3f} s, {_rates(self)}"]
         if self.tool_speed is not None:
-            said.append(f"the tip is no faster than {at_most(self.tool_speed)} m/s")
+            sentences.append(f"the tip is no faster than {at_most(self.tool_speed)} m/s")
         if self.link_speed is not None:
-            said.append(f"no point of a link, nor the tip, is faster than {at_most(self.link_speed)} m/s")
-        said += [] if self.stops is None else [self.stops.sentence]
-        return said if self.danger is None else [*said, self.danger.sentence()]
+            sentences.append(f"no point of a link, nor the tip, is faster than {at_most(self.link_speed)} m/s")
+        sentences += [] if self.stops is None else [self.stops.sentence]
+        return sentences if self.danger is None else [*sentences, self.danger.sentence()]
 
     @property
     def not_claimed(self) -> list[str]:
         """Names of possible claims that are not made."""
         names = {"stops": "stops", "jerk": "jerk", "tool_speed": "tool speed", "link_speed": "link speed"}
         names["danger"] = "danger in motion"
-        return [said for name, said in names.items() if getattr(self, name) is None]
+        return [word for name, word in names.items() if getattr(self, name) is None]
 
 
 # ------------------------------------------------------------------------------------------------------- stretches
@@ -434,15 +434,15 @@ class ClaimedStretch(Section):
     def sentences(self) -> list[str]:
         """Sentences of the claims besides that the motion is free. Each sentence is complete in itself."""
         moving = self.moving_obstacles
-        said = [] if self.danger is None else [self.danger.sentence(moving=moving is not None)]
-        said += [] if self.clearance is None else [self.clearance.sentence]
+        sentences = [] if self.danger is None else [self.danger.sentence(moving=moving is not None)]
+        sentences += [] if self.clearance is None else [self.clearance.sentence]
         if self.margin is not None:
-            said.append(f"no moving link nearer than {at_least(1e3 * self.margin)} mm to any obstacle")
-        said += [] if moving is None else [moving.sentence]
-        said += [] if self.tool is None else self.tool.sentences
+            sentences.append(f"no moving link nearer than {at_least(1e3 * self.margin)} mm to any obstacle")
+        sentences += [] if moving is None else [moving.sentence]
+        sentences += [] if self.tool is None else self.tool.sentences
         if self.tube is not None:
-            said.append(f"the same with joints off by up to ({', '.join(map(at_least, self.tube))}) [rad or m]")
-        return [*said, *self.motion.sentences, *([] if self.trajectory is None else self.trajectory.sentences)]
+            sentences.append(f"the same with joints off by up to ({', '.join(map(at_least, self.tube))}) [rad or m]")
+        return [*sentences, *self.motion.sentences, *([] if self.trajectory is None else self.trajectory.sentences)]
 
     @property
     def not_claimed(self) -> list[str]:
@@ -517,13 +517,13 @@ class Certificate(Section):
                 holds.setdefault((name, link), []).append(k)
             for contact in stretch.contacts:
                 touch.setdefault((contact.links, contact.object, contact.depth), []).append(k)
-        said = [f"{link} holds {name}, where it took it{self._on(k)}" for (name, link), k in holds.items()]
+        sentences = [f"{link} holds {name}, where it took it{self._on(k)}" for (name, link), k in holds.items()]
         for (links, name, depth), numbers in touch.items():
             deep = f"no deeper than {at_most(1e3 * depth)} mm"
-            said.append(f"{' and '.join(links)} may touch {name}, {deep}{self._on(numbers)}")
+            sentences.append(f"{' and '.join(links)} may touch {name}, {deep}{self._on(numbers)}")
         if touch:
-            said.append("nothing else touches, but what is held and the links that do not move against its tip")
-        return said
+            sentences.append("nothing else touches, but what is held and the links that do not move against its tip")
+        return sentences
 
     def _on(self, numbers: Sequence[int]) -> str:
         """Return a text that lists ascending indices of stretches, with ranges for consecutive ones."""

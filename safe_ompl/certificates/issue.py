@@ -147,15 +147,15 @@ def certificate(
     wanted: Claims = document.section("claims", claims, Claims)
     motion = Motion.through(points).for_robot(robot)
     spacing = wanted.spacing or scene.spacing
-    said = {name: value for name, value in wanted.to_mapping().items() if name in _OF_STRETCH}
+    claimed = {name: value for name, value in wanted.to_mapping().items() if name in _OF_STRETCH}
     if field is not None:
         proof = None
         if wanted.tube is not None:
             tube = Separation(tube=tuple(finite_array(wanted.tube, (robot.n,), "tube").tolist()))
             proof = MotionProver(CollisionChecker(robot, scene), separation=tube)
-        said["danger"] = _danger_claim(field, spacing, motion.knots, wanted.max_danger, proof)
+        claimed["danger"] = _danger_claim(field, spacing, motion.knots, wanted.max_danger, proof)
     whole = {"also_sampled": wanted.also_sampled}
-    found = _issued([_stretch(said, motion)], robot, scene, source, **whole)
+    found = _issued([_stretch(claimed, motion)], robot, scene, source, **whole)
     if trajectory is None:
         return found
     timed = trajectory_claim(trajectory, scene)
@@ -195,10 +195,10 @@ def _issued(
     return found
 
 
-def _stretch(said: Mapping[str, Any], motion: Motion) -> dict[str, Any]:
+def _stretch(claims: Mapping[str, Any], motion: Motion) -> dict[str, Any]:
     """Return the claims about a motion, together with the motion."""
     given = motion.to_mapping()
-    return {**said, "motion": {key: given[key] for key in _OF_MOTION if key in given} | said.get("motion", {})}
+    return {**claims, "motion": {key: given[key] for key in _OF_MOTION if key in given} | claims.get("motion", {})}
 
 
 def signed(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -313,8 +313,8 @@ def motion_certificate(
     InputError
         If a limit of the check cannot be claimed, such as stops for people, or its danger points are not the scene's.
     """
-    said = _claims_of(check, spacing)
-    return _issued([_stretch(said, check.motion)], check.proof.checker.robot, check.proof.checker.scene, source)
+    claims = _claims_of(check, spacing)
+    return _issued([_stretch(claims, check.motion)], check.proof.checker.robot, check.proof.checker.scene, source)
 
 
 def _claims_of(check: MotionCheck, spacing: float | None = None) -> dict[str, Any]:
@@ -395,7 +395,7 @@ def program_certificate(
         raise InputError("must contain at least one stretch", "stretches")
     first = parts[0][1].proof.checker
     robot, scene = begin or (first.robot, first.scene.untouched()[0])
-    cell, said, end = RecordedCell(robot, scene), list[dict[str, Any]](), float(parts[0][0])
+    cell, claimed, end = RecordedCell(robot, scene), list[dict[str, Any]](), float(parts[0][0])
     for k, (start, check) in enumerate(parts):
         with within(f"stretch {k}", ": "):
             if abs(start - end) > _SAME_TIME and check.motion.timed:
@@ -403,11 +403,11 @@ def program_certificate(
                 raise PlanningError(f"each stretch is proven, but they are not one program: {words}")
             end = start + check.motion.duration
             claims = {**_claims_of(check), **({"step": steps[k]} if steps else {}), **_changes(cell, check)}
-            said.append(_stretch(claims, check.motion))
-            stretch: ClaimedStretch = document.section("claims", schema.as_plain(said[-1]), ClaimedStretch)
+            claimed.append(_stretch(claims, check.motion))
+            stretch: ClaimedStretch = document.section("claims", schema.as_plain(claimed[-1]), ClaimedStretch)
             cell.change(stretch, check.motion.knots[0])
             _check_same(*cell.during(stretch.contacts), check, k)
-    return _issued(said, robot, scene, source)
+    return _issued(claimed, robot, scene, source)
 
 
 def _changes(cell: RecordedCell, check: MotionCheck) -> dict[str, Any]:
@@ -426,8 +426,8 @@ def _changes(cell: RecordedCell, check: MotionCheck) -> dict[str, Any]:
     links = {name: item.link for name, item in cell.held.items()}
     taken = {name: item.link for name, item in held.items() if links.get(name) != item.link}
     put = [name for name in links if name not in held or name in taken]
-    said = {"detach": put, "attach": taken, "contacts": contacts}
-    return {name: value for name, value in said.items() if value}
+    changes = {"detach": put, "attach": taken, "contacts": contacts}
+    return {name: value for name, value in changes.items() if value}
 
 
 def _check_same(robot: Robot, scene: Scene, check: MotionCheck, number: int) -> None:

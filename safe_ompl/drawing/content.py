@@ -156,8 +156,8 @@ class ViewerContent:
         for time in times.tolist():
             here = [found for found in check.violations if found.first - near <= time <= found.last + near]
             names.append("not proven" if here else "proven")
-            said = (f"{f.kind}: {' – '.join(f.names)} {f.quantities[0]}".rstrip(" :") for f in here)
-            lines.append("; ".join(said) or "proven")
+            descriptions = (f"{f.kind}: {' – '.join(f.names)} {f.quantities[0]}".rstrip(" :") for f in here)
+            lines.append("; ".join(descriptions) or "proven")
         speeds = np.linalg.norm(motion.derivative(times), axis=1) * pace
         moved = MotionRecord(
             CarriedProblem(check.proof.checker.robot, check.proof.checker.scene, None),
@@ -326,10 +326,10 @@ class _Stage(NamedTuple):
     def remark(self) -> str:
         """The step, the held objects, and the contacts that are allowed."""
         held = ", ".join(item.name for item in self.robot.attached)
-        told = [f"holding {held}"] if held else []
-        told += [f"{' and '.join(o.touched_by)} may touch {o.name}" for o in self.scene if o.touched_by]
-        said = f"{self.number}: {shorten(self.step, _MOST_LETTERS, placeholder=' …')}"
-        return f"{said}; {', '.join(told)}" if told else said
+        details = [f"holding {held}"] if held else []
+        details += [f"{' and '.join(o.touched_by)} may touch {o.name}" for o in self.scene if o.touched_by]
+        step_text = f"{self.number}: {shorten(self.step, _MOST_LETTERS, placeholder=' …')}"
+        return f"{step_text}; {', '.join(details)}" if details else step_text
 
 
 def _of_stages(robot: Robot, stages: Sequence[_Stage], title: str, danger: Mapping[str, Any] | None) -> ViewerContent:
@@ -425,10 +425,10 @@ def _keypoints(people: Mapping[str, Any]) -> dict[str, Keypoints]:
 
 
 def _remark(tick: Mapping[str, Any]) -> str:
-    said = str(tick["state"])
+    text = str(tick["state"])
     if tick.get("distance") is not None:
         limb = str(tick.get("limb") or "").replace("_", " ")
         whose = f"{tick.get('who')}'s {limb}" if limb else str(tick.get("who"))
-        said += f", {1e3 * tick['distance']:.0f} mm from {tick.get('link')} to {whose}"
-    said += f" ({tick['rule']})" if tick.get("rule") else ""
-    return f"{said}; {tick['reason']}" if tick.get("reason") else said
+        text += f", {1e3 * tick['distance']:.0f} mm from {tick.get('link')} to {whose}"
+    text += f" ({tick['rule']})" if tick.get("rule") else ""
+    return f"{text}; {tick['reason']}" if tick.get("reason") else text

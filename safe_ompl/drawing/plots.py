@@ -266,8 +266,8 @@ def plot_check(check: MotionCheck, file: str | Path | None, *, title: str | None
             for axes in every:
                 axes.axvspan(found.first - room, found.last + room, color=ALARM, alpha=0.16, linewidth=0)
         stretches = len(check.violations)
-        said = "proven" if check else f"{stretches} stretch{'es' * (stretches > 1)} not proven"
-        set_title(figure, said if title is None else title)
+        default_title = "proven" if check else f"{stretches} stretch{'es' * (stretches > 1)} not proven"
+        set_title(figure, default_title if title is None else title)
     return figure
 
 
@@ -323,7 +323,7 @@ _COLUMNS = 4  # of small axes
 def plot_profiles(
     profiles: Mapping[str, FloatArray], file: str | Path, *, title: str = "Mean danger along the path"
 ) -> Any:
-    """Plot the mean danger profile of each planner, with a band of 15 to 85 % of the runs (after Figs. 7 and 11).
+    """Plot each planner's mean danger along the path, and a band from the 15th to the 85th percentile (Figs. 7, 11).
 
     Profiles are arrays (R, S): the danger at S equal steps of the path, with one row for each of R solved runs. Up to
     four planners share one plot. With more planners, the first two share the large plot, and each other planner has a
@@ -342,7 +342,8 @@ def plot_profiles(
         upper.set(xlabel=ALONG, ylabel=DANGER, xlim=(0.0, 1.0))
         set_title(figure, title)
         add_legend_above(upper, 10.0, handlelength=2.6, ncols=2)
-        note = f"line: mean, band: {SPREAD_PERCENTILES[0]} to {SPREAD_PERCENTILES[1]} % of the runs"
+        low, high = SPREAD_PERCENTILES
+        note = f"line: mean, band: {low}th to {high}th percentile"
         upper.text(0.99, 0.03, note, ha="right", color=GREY, fontsize=9, transform=upper.transAxes)
         for k, name in enumerate(small):
             axes = figure.add_subplot(grid[1 + k // _COLUMNS, k % _COLUMNS], sharex=upper, sharey=upper)

@@ -163,8 +163,8 @@ class MotionRecord:
     def remark(self, time: float) -> str:
         """Return the time, and the remark of the last knot at or before this time [s]."""
         k = self.knot(time)
-        said = f"{self.speeds[k]:.2f} rad/s, bounded by {self.binding[k] or ACCELERATION}"
-        return f"{min(time, self.motion.duration):.2f} s: {self.remarks[k] if self.remarks else said}"
+        speed_text = f"{self.speeds[k]:.2f} rad/s, bounded by {self.binding[k] or ACCELERATION}"
+        return f"{min(time, self.motion.duration):.2f} s: {self.remarks[k] if self.remarks else speed_text}"
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the content of a file except the points of the trajectory. `from_mapping` reads both."""

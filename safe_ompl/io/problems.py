@@ -65,10 +65,10 @@ def recipe(spec: RobotSpec) -> dict[str, Any]:
     spec = spec.resolved()
     if spec.models is not None:
         raise schema.NotPlainError("models of Pinocchio's are not plain data")
-    said = spec.to_mapping()
+    content = spec.to_mapping()
     if spec.joint_limits is not None:
-        said["joint_limits"] = spec.joint_limits.content
-    found: dict[str, Any] = schema.as_plain({name: said[name] for name in _OPTIONS if name in said})
+        content["joint_limits"] = spec.joint_limits.content
+    found: dict[str, Any] = schema.as_plain({name: content[name] for name in _OPTIONS if name in content})
     if spec.robots:
         found["robots"] = {prefix: recipe(robot) for prefix, robot in spec.robots.items()}
         found |= {"name": spec.name or "cell", "tip": spec.tip or next(iter(spec.robots))}
@@ -80,7 +80,7 @@ def recipe(spec: RobotSpec) -> dict[str, Any]:
         if srdf is not None and spec.srdf is not None and spec.srdf.suffix == ".xacro":
             found["srdf"]["text"] = srdf.text()
     if spec.attached:
-        found["attached"] = said["attached"]
+        found["attached"] = content["attached"]
         found["files"] = schema.carried_objects(found["attached"])
         found["attached"] = schema.as_plain(found["attached"])
     return found

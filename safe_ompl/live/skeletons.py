@@ -65,17 +65,17 @@ class Skeleton:
         return [(np.array([k for k, _ in group]), np.array([of for _, of in group])) for group in same]
 
 
-def _read(name: str, said: Mapping[str, Any]) -> Skeleton:
+def _read(name: str, definition: Mapping[str, Any]) -> Skeleton:
     """Return the skeleton of an entry of `skeletons.yaml`; ``{side}`` stands for left and right."""
-    sources = {ours: tuple(theirs) for ours, theirs in said["sources"].items()}
-    for ours, theirs in said["both_sides"].items():
+    sources = {ours: tuple(theirs) for ours, theirs in definition["sources"].items()}
+    for ours, theirs in definition["both_sides"].items():
         sources |= {f"{side}_{ours}": (theirs.format(side=side),) for side in ("left", "right")}
-    axes = tuple(map(tuple, said.get("axes", _Z_UP)))
-    return Skeleton(name, tuple(said["points"].split()), sources, said.get("scale", 1.0), axes)
+    axes = tuple(map(tuple, definition.get("axes", _Z_UP)))
+    return Skeleton(name, tuple(definition["points"].split()), sources, definition.get("scale", 1.0), axes)
 
 
 with files.reading(Path(__file__).with_suffix(".yaml")) as _known:
-    SKELETONS: dict[str, Skeleton] = {name: _read(name, said) for name, said in _known["skeletons"].items()}
+    SKELETONS: dict[str, Skeleton] = {name: _read(name, definition) for name, definition in _known["skeletons"].items()}
 
 
 def find_skeleton(name: str) -> Skeleton:

@@ -396,5 +396,5 @@ def why_unproven(found: MotionCheck) -> str:
     first = found.violations[0]
     value, limit = first.quantities
     begin = min(int(first.at), found.motion.pieces - 1)
-    said = ", ".join(part for part in (" – ".join(first.names), value, limit and f"limit {limit}") if part)
-    return f"between way points {begin} and {begin + 1}, at {first.at:.3f}: {first.kind}: {said}"
+    details = ", ".join(part for part in (" – ".join(first.names), value, limit and f"limit {limit}") if part)
+    return f"between way points {begin} and {begin + 1}, at {first.at:.3f}: {first.kind}: {details}"

@@ -106,15 +106,15 @@ class RateLimits:
                     f"joint {name!r} has no velocity limit in its URDF ({value:g}); give one, as "
                     f"velocity={{{name!r}: 2.0}} [rad/s or m/s]"
                 )
-        default, said = velocities / _DEFAULT_RISE_TIME, robot.accelerations
-        accelerations = _chosen(names, said, default, "acceleration")
+        default, given = velocities / _DEFAULT_RISE_TIME, robot.accelerations
+        accelerations = _chosen(names, given, default, "acceleration")
         if isinstance(acceleration, Mapping):
-            said = {**said, **acceleration}
+            given = {**given, **acceleration}
         accelerations = _chosen(names, acceleration, accelerations, "acceleration")
-        unsaid = [k for k, name in enumerate(names) if name not in said]
-        if unsaid and (acceleration is None or isinstance(acceleration, Mapping)):
-            joints = "its joints" if len(unsaid) == robot.n else ", ".join(names[k] for k in unsaid)
-            span = " to ".join(dict.fromkeys(f"{pick(default[unsaid]):g}" for pick in (np.min, np.max)))
+        not_given = [k for k, name in enumerate(names) if name not in given]
+        if not_given and (acceleration is None or isinstance(acceleration, Mapping)):
+            joints = "its joints" if len(not_given) == robot.n else ", ".join(names[k] for k in not_given)
+            span = " to ".join(dict.fromkeys(f"{pick(default[not_given]):g}" for pick in (np.min, np.max)))
             warn_once(
                 _log,
                 f"{robot.name}: no acceleration limits are given for {joints}: those that reach the velocity limit in "

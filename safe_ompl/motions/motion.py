@@ -504,9 +504,9 @@ class Motion:
     def to_mapping(self) -> dict[str, Any]:
         """Return the motion as plain data, which `from_mapping` reads back exactly."""
         held = {key: getattr(self, key) for key in ("times", "coefficients", "slack", "rounding")}
-        said = {key: value.tolist() for key, value in held.items() if value is not None}
+        arrays = {key: value.tolist() for key, value in held.items() if value is not None}
         names = None if self.joint_names is None else list(self.joint_names)
-        return {"joint_names": names, **said, "timed": self.timed, "corners": list(self.corners)}
+        return {"joint_names": names, **arrays, "timed": self.timed, "corners": list(self.corners)}
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Motion:

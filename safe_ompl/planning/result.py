@@ -17,7 +17,7 @@ from safe_ompl.scene import Scene
 
 _TIMES = ("setup_time", "planning_time", "simplification_time", "report_time")
 # `as_dict` copies these attributes unchanged.
-_TOLD = ("planner", "seed", "status", "solved", *_TIMES)
+_WRITTEN_FIELDS = ("planner", "seed", "status", "solved", *_TIMES)
 
 
 @dataclass(frozen=True)
@@ -171,23 +171,23 @@ class PlanResult:
         """Return the result as a dict of plain values, which the command line writes as JSON."""
         keys = ("length", "danger", "clearance", "validation", "links_without_collision")
         report = {**dict.fromkeys(keys), "certified": False} if self.report is None else self.report.as_dict()
-        told = {
-            **{key: getattr(self, key) for key in _TOLD},
+        content = {
+            **{key: getattr(self, key) for key in _WRITTEN_FIELDS},
             "joint_names": list(self.joint_names),
             "path": None if self.path is None else self.path.tolist(),
             **report,
             "counts": asdict(self.counts),
         }
         if self.moving_obstacles is not None:
-            told["moving_obstacles"] = dict(self.moving_obstacles)
+            content["moving_obstacles"] = dict(self.moving_obstacles)
         if self.planned_path is not None:
-            told["planned_path"] = self.planned_path.tolist()
+            content["planned_path"] = self.planned_path.tolist()
         if self.improvements:
-            told["improvements"] = [dict(vars(improvement)) for improvement in self.improvements]
+            content["improvements"] = [dict(vars(improvement)) for improvement in self.improvements]
         if self.ways:
-            told["ways"] = list(self.ways)
+            content["ways"] = list(self.ways)
         if self.repaired:
-            told["repaired"] = self.repaired
+            content["repaired"] = self.repaired
         if self.interrupted:
-            told["interrupted"] = True
-        return told
+            content["interrupted"] = True
+        return content

@@ -103,13 +103,13 @@ def with_progress(name: str, seconds: float, stop: Stop) -> Stop:
     """Return `stop`; in notebooks the returned predicate also prints which share of the time [s] has passed."""
     if "ipykernel" not in sys.modules:
         return stop
-    begin, said = perf_counter(), -1
+    begin, printed_share = perf_counter(), -1
 
     def over() -> bool:
-        nonlocal said
+        nonlocal printed_share
         share = min(100, round(100 * (perf_counter() - begin) / seconds))
-        if share > said:
-            said = share
+        if share > printed_share:
+            printed_share = share
             print(f"\r{name}: {share} % of {seconds:g} s", end="", file=sys.stderr, flush=True)
         return stop()
 
@@ -216,8 +216,8 @@ class PlanningRun:
             setup.set_solution(path)
         elapsed = perf_counter() - begin
         first = elapsed if found.first_path is None else found.first_path
-        said = {"status": starts.status, "path": path, "improvements": improvements}
-        return self._result(before, starts.nodes, first, elapsed - first, said)
+        outcome = {"status": starts.status, "path": path, "improvements": improvements}
+        return self._result(before, starts.nodes, first, elapsed - first, outcome)
 
     def every_way(self, time: float, simplifier: Simplifier, seconds: float, interrupted: Stop) -> PlanResult:
         """Search for distinct ways, and return the way of least cost; see `WaySearch`.
@@ -247,14 +247,14 @@ class PlanningRun:
         finally:
             if own_range is not None:
                 planner.range = own_range
-        said: dict[str, Any] = {"status": starts.status, "path": None}
+        outcome: dict[str, Any] = {"status": starts.status, "path": None}
         if found := ways.ways():
             best, costs = found[0][0], tuple(cost for _, cost in found)
             setup.set_solution(best.path)
-            said |= {"path": best.path, "planned_path": best.planned, "ways": costs}
+            outcome |= {"path": best.path, "planned_path": best.planned, "ways": costs}
         elapsed = perf_counter() - begin
         planned = first[0] if first else elapsed
-        return self._result(before, starts.nodes, planned, elapsed - planned, said)
+        return self._result(before, starts.nodes, planned, elapsed - planned, outcome)
 
     def _result(
         self, before: Counts, nodes: int, planning_time: float, simplification_time: float, found: dict[str, Any]

@@ -49,10 +49,10 @@ def read_joint(name: str, value: Any) -> dict[str, float]:
             word: (document.flag if word in _FLAGS else document.number)(word, item) for word, item in data.items()
         }
         for kind, names in _LIMITS.items():
-            said = given.get(f"has_{kind}_limits")
-            if said and given.keys().isdisjoint(names):
+            has_limits = given.get(f"has_{kind}_limits")
+            if has_limits and given.keys().isdisjoint(names):
                 raise InputError(f"missing, but needed, as has_{kind}_limits is true", names[0])
-            if said is False:
+            if has_limits is False:
                 given = {word: item for word, item in given.items() if word not in names}
         low, high = (
             pick([given[names[k]] for names in _RANGES.values() if names[k] in given], default=end)

@@ -148,13 +148,13 @@ def joints_that_move(full: pin.Model, tip: str, mimics: Mapping[str, Mimic]) -> 
 def report_held(full: pin.Model, held: Mapping[str, float], moving: Collection[str], text: str) -> None:
     """Warn which joints are held, with their values. Joints beyond the moving ones are logged at the level INFO."""
     for level, beyond in ((logging.WARNING, False), (logging.INFO, True)):
-        said = []
+        values = []
         for name, value in held.items():
             above = {full.names[joint] for joint in full.supports[full.getJointId(name)]}
             if above.issuperset(moving) == beyond:
-                said.append(f"{name} = {value:g}")
-        if said:
-            _log.log(level, "%s: %s (locked= takes another posture)", text, ", ".join(said))
+                values.append(f"{name} = {value:g}")
+        if values:
+            _log.log(level, "%s: %s (locked= takes another posture)", text, ", ".join(values))
 
 
 def override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], source: str) -> None:

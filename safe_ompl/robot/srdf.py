@@ -74,8 +74,8 @@ class SrdfFile:
                 word, text = joint.get("name", ""), joint.get("value", "")
                 if found.setdefault(word, text) != text:
                     groups = ", ".join(state.get("group", "") for state in states)
-                    said = f"{name!r} is a state of the groups {groups}, with other values of {word!r}"
-                    raise InputError(f"{said}: choose one by the robot's group", str(self.path))
+                    contradiction = f"{name!r} is a state of the groups {groups}, with other values of {word!r}"
+                    raise InputError(f"{contradiction}: choose one by the robot's group", str(self.path))
         with within(f"{self.path}: group_state {name!r}: joint ", ""):
             return {word: _finite(word, text) for word, text in found.items() if len(text.split()) <= 1}
 

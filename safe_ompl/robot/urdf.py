@@ -524,10 +524,10 @@ class UrdfFile:
                     mesh.set("scale", " ".join(map(repr, scale)))
         if turned:
             what = f"{len(turned)} {tag} meshes are in the axes of their links, as in RViz, though their files say "
-            said = f"{self._root.get('name')}: {what}that another axis than z is up"
+            message = f"{self._root.get('name')}: {what}that another axis than z is up"
             if tag == "collision":
-                warn_once(_log, said)
-            _log.info("%s: %s", said, ", ".join(turned))
+                warn_once(_log, message)
+            _log.info("%s: %s", message, ", ".join(turned))
         return ElementTree.tostring(root, encoding="unicode")
 
     def _readable_root(self) -> ElementTree.Element:

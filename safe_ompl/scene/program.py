@@ -28,8 +28,8 @@ class Step(Section):
         return {self.kind: super().to_mapping(folder)}
 
     def __str__(self) -> str:
-        said = {name: value for name, value in super().to_mapping().items() if name not in ("touching", "depth")}
-        return " ".join([self.kind, *(f"{name} {_short(value)}" for name, value in said.items())])
+        shown = {name: value for name, value in super().to_mapping().items() if name not in ("touching", "depth")}
+        return " ".join([self.kind, *(f"{name} {_short(value)}" for name, value in shown.items())])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,8 +79,8 @@ class _Target(_Contact):
 
     def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
         """Return the step as a mapping for `read_step`."""
-        ((kind, said),) = super().to_mapping(folder).items()
-        return {kind: {**said.pop("pose", {}), **said}}
+        ((kind, values),) = super().to_mapping(folder).items()
+        return {kind: {**values.pop("pose", {}), **values}}
 
 
 @dataclass(frozen=True)

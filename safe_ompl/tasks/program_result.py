@@ -112,14 +112,14 @@ class ProgramResult:
     def as_dict(self) -> dict[str, Any]:
         """Return the result as a dict of plain values: the motion, if there is one, steps, choices and stretches."""
         steps = () if self.scenario.program is None else self.scenario.program.steps
-        said = self.motion.to_mapping() if self.stretches else {}
-        said |= {"scenario": self.scenario.name, "solved": bool(self), "why": self.why, "duration": self.duration}
-        said |= {"planning_time": self.planning_time, "choices": list(self.choices), "steps": [str(k) for k in steps]}
-        said["stretches"] = [
+        data = self.motion.to_mapping() if self.stretches else {}
+        data |= {"scenario": self.scenario.name, "solved": bool(self), "why": self.why, "duration": self.duration}
+        data |= {"planning_time": self.planning_time, "choices": list(self.choices), "steps": [str(k) for k in steps]}
+        data["stretches"] = [
             {"step": s.step, "begin": s.begin, "duration": s.motion.duration, "claims": list(s.check.claims)}
             for s in self.stretches
         ]
-        return said
+        return data
 
     def __str__(self) -> str:
         steps = () if self.scenario.program is None else self.scenario.program.steps
@@ -135,5 +135,5 @@ class ProgramResult:
             return "\n".join([*lines, f"not solved: {self.why}"])
         claims = ", ".join(dict.fromkeys(claim for stretch in self.stretches for claim in stretch.check.claims))
         chosen = [f"chosen: {', '.join(self.choices)}"] if self.choices else []
-        said = f"{self.duration:.2f} s in {len(self.stretches)} stretches, planned in {self.planning_time:.2f} s"
-        return "\n".join([*lines, *chosen, f"{said}; proven: {claims}"])
+        timing = f"{self.duration:.2f} s in {len(self.stretches)} stretches, planned in {self.planning_time:.2f} s"
+        return "\n".join([*lines, *chosen, f"{timing}; proven: {claims}"])

@@ -186,10 +186,10 @@ class _ProgramPlanner:
             yield 0.0, [], partial(self._move, step, state, None)
         elif isinstance(step, (Move, Line)):
             reached = isinstance(step, Line)
-            for chosen, target, said in self._targets(step, state):
+            for chosen, target, new_choice in self._targets(step, state):
                 after = state._replace(chosen=chosen)
                 if isinstance(step, Line):
-                    yield 0.0, said, partial(self._line, step, after, [target])
+                    yield 0.0, new_choice, partial(self._line, step, after, [target])
                     continue
                 arm, q = self._cell.arm_at(step.arm, state)
                 branches = configurations_at(arm, target, q, np.random.default_rng(self._seed))
@@ -197,7 +197,7 @@ class _ProgramPlanner:
                 fastest = self._cell.limits_of(arm).velocity
                 for branch in branches[:_BRANCHES]:
                     bound = float((np.abs(arm.difference(q, branch)) / fastest).max())
-                    yield bound, said, partial(self._move, step, after, branch)
+                    yield bound, new_choice, partial(self._move, step, after, branch)
             if not reached:
                 raise ImpossibleError("no configuration has its tip there")
         elif isinstance(step, Seam):
@@ -242,8 +242,8 @@ class _ProgramPlanner:
                 pose = self._cell.link(item.link, state) * item.pose.se3 * option.se3
             else:
                 pose = state.scene[value].pose.se3 * option.se3
-            said = [] if known is not None or len(options) == 1 else [f"{kind} {k + 1} of {value}"]
-            yield {**state.chosen, key: k}, up * pose * back, said
+            new_choice = [] if known is not None or len(options) == 1 else [f"{kind} {k + 1} of {value}"]
+            yield {**state.chosen, key: k}, up * pose * back, new_choice
 
     # ---------------------------------------------------------------------------------------------------- steps
 

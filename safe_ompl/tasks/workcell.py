@@ -160,9 +160,11 @@ class Workcell:
         pose = self.tip(arm, state).inverse() * obstacle.pose.se3
         fingers = self.robot.hand_links(moving.tip)
         pairs = {(link, obstacle.name) for link in fingers}
-        said = [getattr(step, "depth", 0.0) for step in self._program.steps if pairs & {*getattr(step, "touching", ())}]
+        depths = [
+            getattr(step, "depth", 0.0) for step in self._program.steps if pairs & {*getattr(step, "touching", ())}
+        ]
         item = Attachment(obstacle.name, obstacle.shape, moving.tip, Pose.of(pose))
-        depth = max(said, default=CONTACT_DEPTH)
+        depth = max(depths, default=CONTACT_DEPTH)
         try:
             obstacle.shape.core(depth)
         except InputError:

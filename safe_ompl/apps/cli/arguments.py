@@ -63,8 +63,8 @@ def option(
         more |= {"action": "append"} if default == [] else {}
     else:
         more["action"] = "store_true"
-    told = "default" in words or isinstance(default, bool)
-    if not told and isinstance(default, (str, int, float, tuple, Path)):
+    names_default = "default" in words or isinstance(default, bool)
+    if not names_default and isinstance(default, (str, int, float, tuple, Path)):
         kind = "g" if isinstance(default, float) else "s"
         words = f"{words}; default: %(default){kind}".removeprefix("; ")
     parser.add_argument(*others, name, help=words, **more)

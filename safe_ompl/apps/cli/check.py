@@ -235,8 +235,8 @@ def _check(
         record["widest_tube"] = dict(zip(robot.joint_names, widest.tolist(), strict=True))
     if options.repair is not None:
         repair = setup.repair(motion, limits, people, time=scenario.time)
-        said = {key: value for key, value in vars(repair).items() if key not in ("motion", "check")}
-        record["repair"] = {"proven": bool(repair), **said}
+        repair_fields = {key: value for key, value in vars(repair).items() if key not in ("motion", "check")}
+        record["repair"] = {"proven": bool(repair), **repair_fields}
     if options.json != output.STANDARD_OUTPUT:
         _say(f"{options.file} · {scenario.name} · {robot.name}", found, widest, without)
     written = found

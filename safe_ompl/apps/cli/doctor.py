@@ -50,8 +50,8 @@ def examine() -> int:
         # A package that is installed badly may raise any exception.
         except Exception as error:
             why = error.__cause__ or error
-            said = " ".join(f"{type(why).__name__}: {why}".split())
-            output.console().print(escape(f"fails: {what}: {said[:200]}"), soft_wrap=True)
+            error_text = " ".join(f"{type(why).__name__}: {why}".split())
+            output.console().print(escape(f"fails: {what}: {error_text[:200]}"), soft_wrap=True)
             healthy = False
     return 0 if healthy else 1
 

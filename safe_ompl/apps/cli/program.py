@@ -60,10 +60,10 @@ def main(words: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
     except (SafeOmplError, OSError) as error:
-        said = str(error)
+        error_text = str(error)
         if isinstance(error, OSError) and error.filename is not None:
-            said = f"{error.filename}: {error.strerror}"
-        output.error_console().print(f"safe-ompl: {' '.join(said.split())}")
+            error_text = f"{error.filename}: {error.strerror}"
+        output.error_console().print(f"safe-ompl: {' '.join(error_text.split())}")
         return BAD_INPUT
     except KeyboardInterrupt:
         output.error_console().print("safe-ompl: interrupted")

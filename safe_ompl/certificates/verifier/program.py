@@ -118,8 +118,8 @@ class AllowedChanges:
         changes = [*((name, None) for name in stretch.detach), *stretch.attach.items()]
         wanted = self._changes[self._passed : self._passed + len(changes)]
         if sorted(wanted, key=str) != sorted(changes, key=str):
-            said = ", ".join(f"{name!r} {'put down' if tip is None else f'taken by {tip!r}'}" for name, tip in changes)
-            raise CertificateError(f"{said}: the program of the scenario differs")
+            words = ", ".join(f"{name!r} {'put down' if tip is None else f'taken by {tip!r}'}" for name, tip in changes)
+            raise CertificateError(f"{words}: the program of the scenario differs")
         grips = [grip for some in self._grips[self._passed : self._passed + len(changes)] for grip in some.items()]
         for name, value in grips:
             here = float(q[self._robot.joint_names.index(name)])

@@ -189,9 +189,9 @@ def _proven(claims: ClaimedStretch, robot: Robot, scene: Scene, motion: Recorded
     return found
 
 
-def _check_digest(said: str, content: Mapping[str, Any]) -> None:
+def _check_digest(digest: str, content: Mapping[str, Any]) -> None:
     """Raise CertificateError if the digest shows that the file has changed."""
-    if said != schema.digest(content):
+    if digest != schema.digest(content):
         raise CertificateError("every claim holds, but the file is not as it was written: its digest differs")
 
 
@@ -254,16 +254,16 @@ class AskedTerms:
         timed, motion = claims.trajectory, claims.motion
         self._compare("danger", claims.danger, self.danger)
         if self.motion is not None:
-            said = {name: limit for name, limit in self.motion.items() if getattr(motion, name, None) is not None}
-            self._compare("motion", motion if said else None, said)
+            limits = {name: limit for name, limit in self.motion.items() if getattr(motion, name, None) is not None}
+            self._compare("motion", motion if limits else None, limits)
         if timed is None:
             return
         self._compare("danger in motion", timed.danger, self.danger)
         if self.max_danger is not None:
             self._compare("danger in motion", timed.danger, {"bound": self.max_danger})
         if self.motion is not None:
-            said = {name: limit for name, limit in self.motion.items() if getattr(timed, name) is not None}
-            self._compare("motion in time", timed, said)
+            limits = {name: limit for name, limit in self.motion.items() if getattr(timed, name) is not None}
+            self._compare("motion in time", timed, limits)
         self._compare("stops", timed.stops, self.stops)
 
     @staticmethod

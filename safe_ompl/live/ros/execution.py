@@ -180,8 +180,8 @@ def _tolerance(given: Any, what: str, robot: Robot, usual: float) -> Tolerance:
                 what,
             )
         if what == "path_tolerance" and not 0 <= one.position <= usual:
-            said = f"of {one.name!r} must be at most {usual:g}, which stops the robot, got {one.position:g}"
-            raise GoalError(Code.INVALID_GOAL, said, what)
+            reason = f"of {one.name!r} must be at most {usual:g}, which stops the robot, got {one.position:g}"
+            raise GoalError(Code.INVALID_GOAL, reason, what)
         k = robot.joint_names.index(one.name)
         for limit, most in zip(found, (one.position, one.velocity), strict=True):
             if most:

@@ -173,8 +173,8 @@ def diagnostics(time: int, name: str, tick: Mapping[str, Any]) -> Message:
         for key, value in tick.items()
         if isinstance(value, (str, float, int))
     ]
-    said = f"{tick['state']}: {tick['reason']}" if tick.get("reason") else str(tick["state"])
-    status = {"level": level, "name": f"safe_ompl: {name}", "hardware_id": name, "message": said}
+    status_text = f"{tick['state']}: {tick['reason']}" if tick.get("reason") else str(tick["state"])
+    status = {"level": level, "name": f"safe_ompl: {name}", "hardware_id": name, "message": status_text}
     return {"header": header(time), "status": [{**status, "values": values}]}
 
 

@@ -121,7 +121,7 @@ class RosNode:
     ) -> None:
         self._node, self._controller, self._frames, self._log = node, controller, frames, log
         self._robot = controller.cell.robot
-        self._said: dict[str, float] = {}
+        self._warned_at: dict[str, float] = {}
         self._units = 10.0
         self._shown: Scene | None = None
         self._pilot: LiveController | TrajectoryGuard = controller
@@ -183,8 +183,11 @@ class RosNode:
     def _complain(self, what: str) -> None:
         """Log a warning, the same one at most once in five seconds."""
         now = self._node.get_clock().now().nanoseconds / messages.SECOND
-        if abs(now - self._said.get(what, -np.inf)) > _AGAIN:
-            self._said = {what: now, **{said: time for said, time in self._said.items() if abs(now - time) <= _AGAIN}}
+        if abs(now - self._warned_at.get(what, -np.inf)) > _AGAIN:
+            self._warned_at = {
+                what: now,
+                **{warning: time for warning, time in self._warned_at.items() if abs(now - time) <= _AGAIN},
+            }
             self._node.get_logger().warning(what)
 
     def _subscribe_to_all(self) -> None:

@@ -60,8 +60,8 @@ class Validation:
 
     def __str__(self) -> str:
         proof = f"certified: {', '.join(self.claims)}" if self.proven else "not proven free"
-        said = "; ".join([proof, *map(str, self.checks)])
-        return said if self.refused is None else f"{said}; {self.why}"
+        summary = "; ".join([proof, *map(str, self.checks)])
+        return summary if self.refused is None else f"{summary}; {self.why}"
 
     @property
     def why(self) -> str:
@@ -207,14 +207,14 @@ class PathReport:
     def __str__(self) -> str:
         """Return a summary of three lines: length and danger, clearance, and proof."""
         danger, clearance, unknown = self.danger, self.clearance, self.links_without_collision
-        said = "" if danger is None else f", danger mean {danger.mean:.3f}, max {danger.max:.3f}"
+        danger_text = "" if danger is None else f", danger mean {danger.mean:.3f}, max {danger.max:.3f}"
         if danger is not None and not danger.max:  # only without danger points
-            said = ", danger 0 (no obstacle has a danger weight)"
+            danger_text = ", danger 0 (no obstacle has a danger weight)"
         near = "clearance: no obstacle"
         if clearance.obstacle is not None:
             near = f"clearance {1e3 * clearance.min:.1f} mm, {clearance.link} from {clearance.obstacle}"
         more = f"; no collision geometry: {', '.join(unknown)}" if unknown else ""
-        return f"{self.length:.2f} rad{said}\n{near}\n{self.validation}{more}"
+        return f"{self.length:.2f} rad{danger_text}\n{near}\n{self.validation}{more}"
 
     _repr_html_ = notebook_html
 
