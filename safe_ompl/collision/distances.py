@@ -46,8 +46,10 @@ class NearPairs:
         """
         coupling = self.robot.coupling
         values = plain(coupling.values(Q))
-        costs, gradients, bends = hinge_costs(self.robot.kinematics.table, values, self.carriers, self.table, hinges)
-        return costs, coupling.columns(gradients), coupling.columns(bends)
+        costs, gradients, curvatures = hinge_costs(
+            self.robot.kinematics.table, values, self.carriers, self.table, hinges
+        )
+        return costs, coupling.columns(gradients), coupling.columns(curvatures)
 
 
 class PairDistances:

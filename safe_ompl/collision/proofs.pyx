@@ -889,7 +889,7 @@ cdef void add_hinge_costs(
     Of vectors only those numbers are written that are not 0.
     """
     cdef Py_ssize_t c, b, i, x, h, placed = -1
-    cdef double distance, rate, bend, lack, slope
+    cdef double distance, rate, curvature, lack, slope
     cdef const double *near = terms.near
     cdef const double *hinges = terms.hinges
     cdef double *origin = frames + 9 * m
@@ -913,18 +913,18 @@ cdef void add_hinge_costs(
                 frame = frames + 9 * i + 3 * x
                 place[x] = origin[3 * i + x] + frame[0] * p[0] + frame[1] * p[1] + frame[2] * p[2]
             distance += place[x] * normal[x]
-        rate, bend = 0.0, 0.0
+        rate, curvature = 0.0, 0.0
         for h in range(terms.hinge_count):
             lack = 1.0 - distance / hinges[2 * h]
             if lack > 0.0:
                 costs[b] += hinges[2 * h + 1] * lack * lack
                 rate -= 2.0 * hinges[2 * h + 1] / hinges[2 * h] * lack
-                bend += 2.0 * hinges[2 * h + 1] / (hinges[2 * h] * hinges[2 * h])
-        while i >= 0 and bend > 0.0:
+                curvature += 2.0 * hinges[2 * h + 1] / (hinges[2 * h] * hinges[2 * h])
+        while i >= 0 and curvature > 0.0:
             slope = _slope(&joints[i], origin + 3 * i, axis + 3 * i, place, normal)
             gradients[m * b + i] += rate * slope
             if vectors != NULL:
-                vectors[m * c + i] = sqrt(bend) * slope
+                vectors[m * c + i] = sqrt(curvature) * slope
             i = joints[i].parent - 1
 
 
@@ -1018,17 +1018,17 @@ cdef double _write_rates(const Proof *proof) noexcept nogil:
     cdef const double *moves = proof.memory.moves
     cdef const double *reaches
     cdef const double *radii
-    cdef double widest = 0.0, speed, fastest, bend, turns
+    cdef double widest = 0.0, speed, fastest, acceleration, turns
     cdef Py_ssize_t G = proof.pairs.shape_count
     for g in range(own):
         W[g], turning[g], K[g] = 0.0, 0.0, 0.0
     for i in range(m):
-        speed, fastest, bend = moves[SPEED * m + i], moves[FASTEST * m + i], moves[ACCELERATION * m + i]
+        speed, fastest, acceleration = moves[SPEED * m + i], moves[FASTEST * m + i], moves[ACCELERATION * m + i]
         turns = 0.0 if pairs.joints[i].slides else fastest
         reaches = pairs.reaches + G * i
         for g in range(own):
             W[g] += reaches[g] * speed
-            K[g] += reaches[g] * (fastest * (fastest + 2.0 * turning[g]) + bend)
+            K[g] += reaches[g] * (fastest * (fastest + 2.0 * turning[g]) + acceleration)
             turning[g] += turns if reaches[g] > 0.0 else 0.0
     for g in range(own):
         widest = max(widest, W[g])
@@ -1087,7 +1087,8 @@ cdef Reach _kept(const Proof *proof, Py_ssize_t p, double spare) noexcept nogil:
     cdef Py_ssize_t m = proof.pairs.m, A = proof.pairs.bodies[p][0], B = proof.pairs.bodies[p][1]
     cdef Py_ssize_t frame = 0, last = 0, side, g, k, i
     cdef bint both = proof.pairs.own > B
-    cdef double even, length, a, b, c, along = 0.0, spread = 0.0, bend, turning, reach, fastest, x, y, z
+    cdef double even, length, a, b, c, along = 0.0, spread = 0.0, acceleration, turning, reach, fastest, x, y, z
+    cdef double before, after
     cdef const Pose *pose
     cdef Twist twist
     if not spare > 0.0:
@@ -1104,7 +1105,7 @@ cdef Reach _kept(const Proof *proof, Py_ssize_t p, double spare) noexcept nogil:
         frame, last = joints[max(frame, last) - 1].parent, min(frame, last)
     length = sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
     a, b, c = axis[0] / length, axis[1] / length, axis[2] / length
-    bend = 0.0 if both else memory.K[A]
+    acceleration = 0.0 if both else memory.K[A]
     for side in range(2 if both else 1):
         g = proof.pairs.bodies[p][side]
         pose, body, turning = &proof.bodies.pose[g], &proof.bodies.body[g], 0.0
@@ -1123,15 +1124,16 @@ cdef Reach _kept(const Proof *proof, Py_ssize_t p, double spare) noexcept nogil:
         for i in range(frame, body.joint if both else 0):
             reach, fastest = proof.pairs.reaches[proof.pairs.shape_count * i + g], memory.moves[FASTEST * m + i]
             if reach > 0.0:
-                bend += reach * (fastest * (fastest + 2.0 * turning) + memory.moves[ACCELERATION * m + i])
+                acceleration += reach * (fastest * (fastest + 2.0 * turning) + memory.moves[ACCELERATION * m + i])
                 turning += 0.0 if joints[i].slides else fastest
-    return Reach(max(even, _until(spare, -along - spread, bend)), max(even, _until(spare, along - spread, bend)))
+    before, after = _until(spare, -along - spread, acceleration), _until(spare, along - spread, acceleration)
+    return Reach(max(even, before), max(even, after))
 
 
-cdef inline double _until(double spare, double rate, double bend) noexcept nogil:
-    """Return the largest s with spare + rate s − bend s²/2 ≥ 0."""
-    cdef double root = sqrt(rate * rate + 2.0 * bend * spare)
-    return ((rate + root) / bend if rate > 0.0 else 2.0 * spare / (root - rate)) * (1.0 - ROUNDING)
+cdef inline double _until(double spare, double rate, double acceleration) noexcept nogil:
+    """Return the largest s with spare + rate s − acceleration s²/2 ≥ 0."""
+    cdef double root = sqrt(rate * rate + 2.0 * acceleration * spare)
+    return ((rate + root) / acceleration if rate > 0.0 else 2.0 * spare / (root - rate)) * (1.0 - ROUNDING)
 
 
 cdef Py_ssize_t _list_near(const Proof *proof, double half) noexcept nogil:

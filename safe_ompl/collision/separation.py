@@ -156,7 +156,7 @@ class Separation:
         for name in (*speeds, *kept_from):
             # This lookup raises an error if there is no such obstacle.
             checker.scene[name]
-        pairs = checker.pairs_within(self.reach + self.swing(checker))
+        pairs = checker.pairs_within(self.reach + self.tube_displacement(checker))
         wanted, kept = self.min_clearance, pairs.margins(self.margin)
         if wanted is not None:
             between = np.array([wanted.between(*pair) for pair in pairs.names], dtype=np.float64)
@@ -179,7 +179,7 @@ class Separation:
         least = 0.0 if self.min_clearance is None else self.min_clearance.distance
         return max(self.margin, least) + self.travel
 
-    def swing(self, checker: CollisionChecker) -> float:
+    def tube_displacement(self, checker: CollisionChecker) -> float:
         """Return how far [m] any body may deviate because of the tube."""
         if not self.tube:
             return 0.0

@@ -76,9 +76,9 @@ def hermite(
     size = size + 2 * np.maximum(np.abs(out), np.abs(back))
     points = [np.zeros_like(step), out, step - back, step]
     if accelerations is not None:
-        bend, turn = np.moveaxis(accelerations * (spans**2 / 20)[:, None, None], 1, 0)
-        size += np.maximum(np.abs(bend), np.abs(turn))
-        points = [points[0], out, 2 * out + bend, step - 2 * back + turn, step - back, step]
+        second_start, second_end = np.moveaxis(accelerations * (spans**2 / 20)[:, None, None], 1, 0)
+        size += np.maximum(np.abs(second_start), np.abs(second_end))
+        points = [points[0], out, 2 * out + second_start, step - 2 * back + second_end, step - back, step]
     coefficients, rounding = powers(np.stack(points, axis=1), 8 * EPS * size)
     coefficients[:, 0] = start
     return coefficients, rounding
@@ -132,11 +132,14 @@ def cubic_spline(
     if last is not None:
         matrix[-1, -2:] = spans[-1], 2 * spans[-1]
         right[-1] = 6 * (last - chords[-1])
-    bends = np.linalg.solve(matrix, right)
-    slopes = chords - spans[:, None] * (2 * bends[:-1] + bends[1:]) / 6
+    second_derivatives = np.linalg.solve(matrix, right)
+    slopes = chords - spans[:, None] * (2 * second_derivatives[:-1] + second_derivatives[1:]) / 6
     if first is not None:
         slopes[0] = first  # exactly
-    return np.stack([values[:-1], slopes, bends[:-1] / 2, np.diff(bends, axis=0) / (6 * spans[:, None])], axis=1)
+    return np.stack(
+        [values[:-1], slopes, second_derivatives[:-1] / 2, np.diff(second_derivatives, axis=0) / (6 * spans[:, None])],
+        axis=1,
+    )
 
 
 def restricted(coefficients: FloatArray, first: float | FloatArray, last: float | FloatArray) -> FloatArray:

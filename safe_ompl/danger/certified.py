@@ -292,12 +292,12 @@ class PeakSearch:
     def _whole_edges(self, first: int, last: int) -> list[tuple[Sample, Sample]]:
         """Return samples at the start and end of some edges. A way point between two edges is evaluated once."""
         starts, ends = ([(k, t) for k in range(first, last)] for t in (0.0, 1.0))
-        points, speeds, pushes = self._motions(starts + ends)
+        points, speeds, accelerations = self._motions(starts + ends)
         number = len(starts)
         evaluated = self._evaluated(np.concatenate([points[:number], points[-1:]]))
         at_starts, at_ends = ([values[part] for values in evaluated] for part in (slice(-1), slice(1, None)))
-        first_samples = self._samples(starts, speeds[:number], pushes[:number], *at_starts)
-        last_samples = self._samples(ends, speeds[number:], pushes[number:], *at_ends)
+        first_samples = self._samples(starts, speeds[:number], accelerations[:number], *at_starts)
+        last_samples = self._samples(ends, speeds[number:], accelerations[number:], *at_ends)
         return list(zip(first_samples, last_samples, strict=True))
 
     def _motions(self, places: list[tuple[int, float]]) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -329,7 +329,7 @@ class PeakSearch:
         ]
 
     def _push(self, pairs: Sequence[tuple[Sample, Sample]]) -> None:
-        """Bound the danger between pairs of samples and push the intervals whose bounds are too high."""
+        """Bound the danger between pairs of samples and queue the intervals whose bounds are too high."""
         for (first, last), upper, path in zip(pairs, *self._bounded(pairs), strict=True):
             if upper <= self._enough:
                 self._settled = max(self._settled, upper)

@@ -356,9 +356,9 @@ class DangerField:
         self.count(1, len(points))
         vectors = self.k1 * link_field.vectors(keypoints, self.links, points.points, self.weighting)[0]
         total = vectors.sum(axis=0) if points.weights is None else points.weights @ vectors
-        pushes = np.zeros(keypoints.shape)
-        np.add.at(pushes[0], self.links[:, 1], total)
-        motion: FloatArray = self.robot.jacobian_transpose_product(Q, pushes)[0]
+        vectors_at_ends = np.zeros(keypoints.shape)
+        np.add.at(vectors_at_ends[0], self.links[:, 1], total)
+        motion: FloatArray = self.robot.jacobian_transpose_product(Q, vectors_at_ends)[0]
         return motion
 
     def field(self, q: ArrayLike, points: ArrayLike) -> FloatArray:

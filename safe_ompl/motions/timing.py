@@ -208,5 +208,5 @@ def within_tube(limits: TimingLimits, motion: MotionProver | None) -> TimingLimi
         )
     if limits.people is None:
         return limits
-    nearer = motion.separation.swing(motion.checker)
+    nearer = motion.separation.tube_displacement(motion.checker)
     return replace(limits, people=replace(limits.people, clearance=limits.people.clearance + nearer))

@@ -99,6 +99,6 @@ def _between(times: FloatArray, values: FloatArray) -> FloatArray:
     spans = np.diff(times)[:, None]
     if len(spans) < 2:
         return np.zeros(values.shape[1])
-    bends = np.abs(np.diff(np.diff(values, axis=0) / spans, axis=0)) * 2 / (spans[1:] + spans[:-1])
-    either = np.maximum(np.vstack([bends[:1], bends]), np.vstack([bends, bends[-1:]]))
+    curvatures = np.abs(np.diff(np.diff(values, axis=0) / spans, axis=0)) * 2 / (spans[1:] + spans[:-1])
+    either = np.maximum(np.vstack([curvatures[:1], curvatures]), np.vstack([curvatures, curvatures[-1:]]))
     return np.asarray((either * spans**2).max(axis=0) / 8)

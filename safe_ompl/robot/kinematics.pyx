@@ -316,7 +316,7 @@ cdef void _add_turned(
     cdef const double *place
     cdef double still[6]
     cdef double arm[3]
-    cdef double swing[3]
+    cdef double point_velocity[3]
     cdef double change
     for x in range(6):
         still[x] = 0.0
@@ -330,12 +330,12 @@ cdef void _add_turned(
                 y, z = (x + 1) % 3, (x + 2) % 3
                 arm[x] = velocities[3 * k + x] - twist[3 + x] - (twist[y] * place[z] - twist[z] * place[y])
                 if joints[i].slides:
-                    swing[x] = axis[x]
+                    point_velocity[x] = axis[x]
                 else:
-                    swing[x] = axis[y] * (place[z] - origin[z]) - axis[z] * (place[y] - origin[y])
+                    point_velocity[x] = axis[y] * (place[z] - origin[z]) - axis[z] * (place[y] - origin[y])
             for x in range(3):
                 y, z = (x + 1) % 3, (x + 2) % 3
-                change = twist[y] * swing[z] - twist[z] * swing[y]
+                change = twist[y] * point_velocity[z] - twist[z] * point_velocity[y]
                 if not joints[i].slides:
                     change += axis[y] * arm[z] - axis[z] * arm[y]
                 out[i] += forces[3 * k + x] * change

@@ -414,13 +414,13 @@ cdef class BodyHulls:
         return directions, bounds
 
     def chords_ahead(
-        self, cells, const double[:, :, ::1] axes, const double[:, ::1] apart, const double[::1] bends
+        self, cells, const double[:, :, ::1] axes, const double[:, ::1] apart, const double[::1] curvatures
     ):
         """Return which bodies (G, M) are apart from sets and do not approach them along `separating_axes`.
 
         The robot moves from the first cell to the second. Let a vertex be `start` ≥ 0 ahead of the foremost vertex in
         the first cell, and `end` ≥ 0 in the second, up to rounding. The vertex does not approach the set if
-        √start + √end ≥ √bend, with the bounds of curvature `bends: (G,)` [m].
+        √start + √end ≥ √curvature, with the bounds of curvature `curvatures: (G,)` [m].
         """
         cdef Frames frames = self._frames(cells, 2, False)
         cdef Py_ssize_t G = self.count, S = apart.shape[1], g, s, k, v, points
@@ -431,8 +431,8 @@ cdef class BodyHulls:
         cdef double least[2]
         cdef double at, x, y, z, start, end
         cdef bint recedes
-        if apart.shape[0] != G or axes.shape[0] != G or axes.shape[1] != S or axes.shape[2] != 3 or bends.shape[0] != G:
-            raise InputError(f"axes, bounds and bends must be those of {G} bodies and {S} sets")
+        if not apart.shape[0] == axes.shape[0] == curvatures.shape[0] == G or axes.shape[1] != S or axes.shape[2] != 3:
+            raise InputError(f"axes, bounds and curvatures must be those of {G} bodies and {S} sets")
         ahead = np.zeros((G, S), dtype=np.bool_)
         cdef unsigned char[:, ::1] found = ahead.view(np.uint8)
         cdef Py_ssize_t V = self._first[G]
@@ -460,7 +460,7 @@ cdef class BodyHulls:
                     recedes, v = least[1] - least[0] + ROUNDING >= 0.0, 0
                     while recedes and v < points:
                         start, end = heights[v] - least[0], heights[V + v] - least[0] + ROUNDING
-                        recedes, v = sqrt(start) + sqrt(end) >= sqrt(bends[g]), v + 1
+                        recedes, v = sqrt(start) + sqrt(end) >= sqrt(curvatures[g]), v + 1
                     found[g, s] = recedes
             free(heights)
         return ahead

@@ -89,9 +89,12 @@ def least_brake(limits: RateLimits) -> float:
     if limits.jerk is None:
         return least
     # The deceleration that plans may use (`SmoothLimits`) when the joints move at their velocity limits.
-    bends = 3 * BRAKING * limits.acceleration
+    curve_accelerations = 3 * BRAKING * limits.acceleration
     of_plan = (
-        BRAKING * (1 - REPLANNED_CURVE_JERK_SHARE) * limits.jerk / (limits.velocity / averaging_window(limits) + bends)
+        BRAKING
+        * (1 - REPLANNED_CURVE_JERK_SHARE)
+        * limits.jerk
+        / (limits.velocity / averaging_window(limits) + curve_accelerations)
     )
     return min(least, float(of_plan.min()))
 

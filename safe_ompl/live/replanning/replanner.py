@@ -256,8 +256,8 @@ class Receding:
         if not len(motion.cells) or ((self._s < corners) & (corners < last)).any():
             return found
         frames = path.bodies.frames(path.curve.places(np.array([self._s, last])).q)
-        bends = path.accelerations[motion.cells].max(axis=0) * (last - self._s) ** 2 / 2
-        body, which = np.nonzero(path.bodies.hulls.chords_ahead(frames, self._axes, self._apart, bends))
+        curvatures = path.accelerations[motion.cells].max(axis=0) * (last - self._s) ** 2 / 2
+        body, which = np.nonzero(path.bodies.hulls.chords_ahead(frames, self._axes, self._apart, curvatures))
         found[body, which] = True
         return found
 

@@ -27,11 +27,11 @@ cdef class PricedPath:
     cdef double *_gradient
     cdef double *_danger
     cdef double *_slopes
-    # Working memory: nodes (B, n), values of the joints and pushes of obstacles (B, m), costs of these (B,), lengths of
-    # segments (N − 1,), and frames of the joints (15 m,).
+    # Working memory: nodes (B, n), values of the joints and slopes of the costs of obstacles (B, m), costs of obstacles
+    # (B,), lengths of segments (N − 1,), and frames of the joints (15 m,).
     cdef double *_nodes
     cdef double *_values
-    cdef double *_pushes
+    cdef double *_obstacle_slopes
     cdef double *_nears
     cdef double *_lengths
     cdef double *_frames

@@ -347,8 +347,8 @@ cdef class PricedPath:
         if not self._nodes:
             raise MemoryError
         self._values = self._nodes + B * n
-        self._pushes = self._values + B * m
-        self._nears = self._pushes + B * m
+        self._obstacle_slopes = self._values + B * m
+        self._nears = self._obstacle_slopes + B * m
         self._lengths = self._nears + B
         self._frames = self._lengths + N
 
@@ -402,7 +402,7 @@ cdef class Densities:
             )
 
     cdef int price(self, PricedPath at, bint known, double *vectors) except -1 nogil:
-        """Write what a path costs, whose danger may be known, and vectors (C, m) that bend the cost, unless NULL."""
+        """Write a path's cost and, unless NULL, vectors (C, m) of its second derivatives. Its danger may be known."""
         cdef Py_ssize_t B = 2 * at.N - 2, m = at.m
         _write_gauss_points(at._path, at.N, at.n, at._nodes)
         if not known:
@@ -410,9 +410,9 @@ cdef class Densities:
         self.terms.write(
             at._nodes, B, at._values, NULL if known else at._slopes, NULL if known else at._danger
         )
-        memset(at._pushes, 0, B * m * sizeof(double))
+        memset(at._obstacle_slopes, 0, B * m * sizeof(double))
         memset(at._nears, 0, B * sizeof(double))
-        self.add_near(at._values, at._frames, at._nears, at._pushes, vectors)
+        self.add_near(at._values, at._frames, at._nears, at._obstacle_slopes, vectors)
         _integrate(at, self.terms)
         return 0
 
@@ -438,10 +438,10 @@ cdef class Densities:
         cdef double[:, :, ::1] block = at.blocks
         cdef double[:, :, ::1] side = at.beside
         cdef double[:, ::1] vector = np.zeros((self._near.shape[0] + 1, at.m))
-        cdef double[::1] bend = np.zeros(n)
+        cdef double[::1] curvature_vector = np.zeros(n)
         with nogil:
             self.price(at, known is not None, &vector[0, 0])
-            _add_curvature(self, at, &vector[0, 0], &bend[0], &block[0, 0, 0], &side[0, 0, 0])
+            _add_curvature(self, at, &vector[0, 0], &curvature_vector[0], &block[0, 0, 0], &side[0, 0, 0])
         return at
 
     def retreat_step(
@@ -460,11 +460,11 @@ cdef class Densities:
         cdef double[:, ::1] value = values
         cdef double[:, ::1] slope = slopes
         cdef double[::1] levels = own
-        cdef double[:, ::1] push = np.zeros((1, m))
+        cdef double[:, ::1] obstacle_slope = np.zeros((1, m))
         cdef double[:, ::1] vector = np.zeros((C + 1, m))
         cdef double[::1] frames = np.empty(15 * m)
         terms.write(&Q[0, 0], 1, &value[0, 0], NULL, NULL)
-        self.add_near(&value[0, 0], &frames[0], &cost, &push[0, 0], &vector[0, 0])
+        self.add_near(&value[0, 0], &frames[0], &cost, &obstacle_slope[0, 0], &vector[0, 0])
         maximum = terms.danger.kind == MAXIMUM
         if reference == 0.0 or not maximum:
             terms.danger.write(&value[0, 0], 1, &slope[0, 0], &levels[0])
@@ -474,21 +474,21 @@ cdef class Densities:
         elif maximum:
             own, slopes = terms.danger.high_levels(values, onset * reference)
         levels, slope, L = own, slopes, len(own)
-        gradients, bends = np.zeros(n), np.zeros((C + L, n))
+        gradients, curvature_vectors = np.zeros(n), np.zeros((C + L, n))
         cdef double[::1] gradient = gradients
-        cdef double[:, ::1] bend = bends
-        terms.write_by_planned_joints(&push[0, 0], 1, &gradient[0])
+        cdef double[:, ::1] curvature_vector = curvature_vectors
+        terms.write_by_planned_joints(&obstacle_slope[0, 0], 1, &gradient[0])
         if C:
-            terms.write_by_planned_joints(&vector[0, 0], C, &bend[0, 0])
+            terms.write_by_planned_joints(&vector[0, 0], C, &curvature_vector[0, 0])
         if L:
-            terms.write_by_planned_joints(&slope[0, 0], L, &bend[C, 0])
+            terms.write_by_planned_joints(&slope[0, 0], L, &curvature_vector[C, 0])
         for c in range(L):
             excess = max(0.0, levels[c] / reference - onset)
             cost += excess_weight * excess * excess
             for i in range(n):
-                gradient[i] += 2.0 * excess_weight * excess * bend[C + c, i] / reference
-                bend[C + c, i] *= sqrt(2.0 * excess_weight) / reference if excess > 0.0 else 0.0
-        return cost, reference, bounded_step(gradients, bends, longest)
+                gradient[i] += 2.0 * excess_weight * excess * curvature_vector[C + c, i] / reference
+                curvature_vector[C + c, i] *= sqrt(2.0 * excess_weight) / reference if excess > 0.0 else 0.0
+        return cost, reference, bounded_step(gradients, curvature_vectors, longest)
 
 
 cdef void _integrate(PricedPath at, DangerTerms terms) noexcept nogil:
@@ -498,7 +498,7 @@ cdef void _integrate(PricedPath at, DangerTerms terms) noexcept nogil:
     cdef double *gradient = at._gradient
     cdef const double *danger = at._danger
     cdef const double *slopes = at._slopes
-    cdef const double *pushes = at._pushes
+    cdef const double *obstacle_slopes = at._obstacle_slopes
     cdef double rate = 2.0 * terms.weight, total = 0.0, near = 0.0, mean, steepness, stretch, step, length
     cdef Py_ssize_t N = at.N, n = at.n, m = at.m, k, i, j, b, side
     cdef double first, second
@@ -520,11 +520,11 @@ cdef void _integrate(PricedPath at, DangerTerms terms) noexcept nogil:
             first = second = 0.0
             b = 2 * k
             for j in range(m):
-                steepness = rate * danger[b] * slopes[m * b + j] + pushes[m * b + j]
+                steepness = rate * danger[b] * slopes[m * b + j] + obstacle_slopes[m * b + j]
                 first += 0.5 * length * steepness * matrix[n * j + i]
             b = 2 * k + 1
             for j in range(m):
-                steepness = rate * danger[b] * slopes[m * b + j] + pushes[m * b + j]
+                steepness = rate * danger[b] * slopes[m * b + j] + obstacle_slopes[m * b + j]
                 second += 0.5 * length * steepness * matrix[n * j + i]
             stretch = mean / max(length, TINY) * (path[n * (k + 1) + i] - path[n * k + i])
             gradient[n * k + i] += SECOND * first + FIRST * second - stretch
@@ -533,11 +533,11 @@ cdef void _integrate(PricedPath at, DangerTerms terms) noexcept nogil:
 
 
 cdef void _add_curvature(
-    Densities densities, PricedPath at, const double *vectors, double *bend, double *blocks, double *beside
+    Densities densities, PricedPath at, const double *vectors, double *curvature_vector, double *blocks, double *beside
 ) noexcept nogil:
     """Add about the Hessian of the cost of a path to blocks (N, n, n), and (N − 1, n, n) beside them.
 
-    Vectors (C, m) bend the cost of near pairs; `bend: (n,)` is memory.
+    Vectors (C, m) give the second derivatives of the costs of near pairs; `curvature_vector: (n,)` is memory.
     """
     cdef const double *matrix = &densities.terms._matrix[0, 0]
     cdef Py_ssize_t N = at.N, n = at.n, m = at.m, C = densities._near.shape[0], k, i, j, c, b
@@ -557,14 +557,14 @@ cdef void _add_curvature(
         b = c if of_danger else <Py_ssize_t> densities._near[c - (2 * N - 2), 0]
         k, t = b // 2, SECOND if b % 2 else FIRST
         for i in range(n):
-            bend[i] = 0.0
+            curvature_vector[i] = 0.0
         for j in range(m):
             each = sqrt(rate) * at._slopes[m * b + j] if of_danger else vectors[m * (c - (2 * N - 2)) + j]
             for i in range(n):
-                bend[i] += each * matrix[n * j + i]
+                curvature_vector[i] += each * matrix[n * j + i]
         for i in range(n):
             for j in range(n):
-                square = 0.5 * at._lengths[k] * bend[i] * bend[j]
+                square = 0.5 * at._lengths[k] * curvature_vector[i] * curvature_vector[j]
                 blocks[n * n * k + n * i + j] += (1.0 - t) * (1.0 - t) * square
                 blocks[n * n * (k + 1) + n * i + j] += t * t * square
                 beside[n * n * k + n * i + j] += t * (1.0 - t) * square
@@ -741,7 +741,7 @@ cdef class Walk:
 
     cdef int _take_steps(self, Py_ssize_t most, double largest, double idle) except -1 nogil:
         """Take so many steps; return whether more are not worthwhile."""
-        cdef double before, slope, longest, size, bend, share
+        cdef double before, slope, longest, size, second_derivative, share
         cdef Py_ssize_t _
         cdef bint lowered
         for _ in range(most):
@@ -757,10 +757,10 @@ cdef class Walk:
                         self._size, lowered = size, True
                         self._accept()
                         break
-                    bend = self._next.value - before - size * slope
+                    second_derivative = self._next.value - before - size * slope
                     share = SHORTEST
-                    if bend < INFINITY:
-                        share = min(LONGEST, max(SHORTEST, -0.5 * size * slope / bend))
+                    if second_derivative < INFINITY:
+                        share = min(LONGEST, max(SHORTEST, -0.5 * size * slope / second_derivative))
                     size *= share
                 if not lowered:
                     if self._remembered == 0:
