@@ -1,10 +1,15 @@
-"""Batched (SIMD) evaluation of the danger field: forward kinematics, field values, and gradients by the joints.
+"""Batched (SIMD) evaluation of the danger field: forward kinematics, fields, and gradients with respect to the joints.
 
-The last axis of all arrays is the SIMD lane, one of W. Loops run over multiples of GROUP lanes; unused lanes hold
-copies of the last used lane. The formulas and their order of operations are the same as in
-`robot/kinematics.pyx` and `danger/static.pyx`.
+The last axis of the arrays in `Frames`, `Rays` and `Forces` is the SIMD lane, one of W. Loops run over multiples of
+GROUP lanes; unused lanes hold copies of the last used lane. The formulas and their order of operations are the same as
+in `robot/kinematics.pyx` and `danger/static.pyx`.
 
 For many points and one configuration the lanes are points, in blocks of BLOCK points.
+
+The field of a link is φ = θ/ℓ with θ = log(1 + 2ℓ/(S − ℓ)), or θ if links are weighted by their length ℓ. S is the sum
+of the distances of the point from the two ends of the link. The field of the robot is the sum over its links, and the
+danger at a point is the field times the weight of the point. Equation numbers are those of B. Lacevic, P. Rocco,
+Safety-oriented path planning for articulated robots, Robotica, 2013 (see `danger/link_field.py`).
 """
 
 from libc.math cimport INFINITY, NAN, cos, fabs, sin, sqrt
@@ -22,8 +27,11 @@ from safe_ompl.robot.kinematics cimport Joint
 cdef extern from "math.h" nogil:
     float sqrtf(float)
 
-# W: number of lanes. GROUP: lanes per register. CHUNK: the largest bound of each chunk of this many points is stored,
-# so that whole chunks can be skipped. BLOCK: points per block, so that their distances fit into the first-level cache.
+# W: number of lanes. GROUP: lanes per register. CHUNK: points per chunk. Of each chunk the largest upper bound of the
+# danger is stored, so that the search for the maximum can skip the chunk. BLOCK: points per block, so that their
+# distances fit into the first-level cache.
+#
+# Loops with these steps have the step as a number, because Cython makes a C loop only if the step is a number.
 cdef enum:
     W = 16
     GROUP = 4
@@ -37,51 +45,72 @@ cdef double NEAR = 1e3
 # Ratios are limited to this value, because the logarithm here gives NaN for infinity.
 cdef double LARGEST = 1e300
 # Unit roundoff of single precision.
-cdef double FINE = 2.0**-24
+cdef double SINGLE_ROUNDOFF = 2.0**-24
 
 
-# Forward kinematics of W configurations. Index 0 of the first three arrays is the base: rotations (m + 1, 9, W),
-# origins and axes (m + 1, 3, W); key points (K, 3, W) and lengths of links (L, W) [m]; the largest absolute coordinate
-# of the key points (W,). Working memory: rotation of the present joint (9, W), its displacement (W,), the pose of its
-# parent (12, W).
+# Forward kinematics of W configurations of a `Skeleton` with m joints, K key points and L links. Index 0 of the first
+# three arrays is the base, index i + 1 is joint i.
 cdef struct Frames:
+    # Rotations of the joint frames (m + 1, 9, W), row by row.
     double *rotation
+    # Origins of the joint frames (m + 1, 3, W) [m].
     double *origin
+    # Joint axes (m + 1, 3, W) in the world frame.
     double *axis
-    double *places
+    # Key points (K, 3, W) [m].
+    double *key_points
+    # Lengths of the links (L, W) [m].
     double *lengths
-    double *reach
+    # The largest absolute coordinate of the key points (W,) [m].
+    double *largest_coordinate
+    # Working memory: rotation by the value of the present joint (9, W).
     double *turn
+    # Working memory: displacement by the value of the present joint (W,) [m], 0 for a revolute joint.
     double *slide
-    double *above
+    # Working memory: pose of the parent of the present joint (12, W), the rotation before the origin.
+    double *parent_pose
 
 
-# Pairs of a configuration and a danger point, one per lane: lane of the configuration in `Frames` and index of the
-# point (W,); fields (W,); key points (K, 3, W) and lengths of links (L, W) at the configurations; vectors from key
-# points to the points (K, 3, W), and their lengths (K, W). The other arrays are working memory.
+# Pairs of a configuration and a danger point, one pair per lane.
 cdef struct Rays:
-    Py_ssize_t *skeleton
-    Py_ssize_t *which
+    # The lane of the configuration in `Frames` (W,).
+    Py_ssize_t *lane
+    # Index of the danger point (W,).
+    Py_ssize_t *point_index
+    # Fields of the configuration at the point (W,).
     double *field
-    double *places
+    # Key points of the configuration (K, 3, W) [m].
+    double *key_points
+    # Vectors from the key points to the point (K, 3, W) [m].
     double *ray
+    # Lengths of these vectors (K, W) [m].
     double *distance
+    # Coordinates of the point (3, W) [m].
     double *point
+    # Lengths of the links (L, W) [m].
     double *lengths
+    # The ratio 2ℓ/(S − ℓ) of one link, which is replaced by θ (W,).
     double *theta
+    # Working memory of `_log1p_each` (W,).
     double *mantissa
+    # Working memory of `_log1p_each` (W,).
     double *power
 
 
-# Gradients by the key points, called forces (K, 3, W), and gradients by the joints (m, W). The other arrays are working
-# memory, among them wrenches (m + 1, 6, W).
+# Gradients of the fields at points.
 cdef struct Forces:
+    # Gradients with respect to the key points, called forces (K, 3, W).
     double *forces
+    # Gradients with respect to the joint values (m, W).
     double *gradient
+    # Working memory: wrenches on the joint frames (m + 1, 6, W).
     double *wrench
-    double *gap
-    double *alive
-    double *ends
+    # Working memory: (S² − ℓ²)/2 of one link (W,) [m²], or 1 where the point is on the link.
+    double *half_square_gap
+    # Working memory: 1 in lanes whose point is on no link, else 0 (W,).
+    double *untouched
+    # Working memory: forces at the two ends of one link (2, 3, W).
+    double *end_forces
 
 
 cdef double *_take(double **memory, Py_ssize_t numbers) noexcept nogil:
@@ -100,9 +129,10 @@ cdef Frames _frames(const Skeleton *s, double **memory) noexcept nogil:
     cdef Frames frames
     cdef Py_ssize_t x, b
     frames.rotation, frames.origin = _take(memory, 9 * W * (s.m + 1)), _take(memory, 3 * W * (s.m + 1))
-    frames.axis, frames.places = _take(memory, 3 * W * (s.m + 1)), _take(memory, 3 * W * s.K)
-    frames.lengths, frames.reach, frames.turn = _take(memory, W * s.L), _take(memory, W), _take(memory, 9 * W)
-    frames.slide, frames.above = _take(memory, W), _take(memory, 12 * W)
+    frames.axis, frames.key_points = _take(memory, 3 * W * (s.m + 1)), _take(memory, 3 * W * s.K)
+    frames.lengths, frames.largest_coordinate = _take(memory, W * s.L), _take(memory, W)
+    frames.turn = _take(memory, 9 * W)
+    frames.slide, frames.parent_pose = _take(memory, W), _take(memory, 12 * W)
     memset(frames.rotation, 0, 9 * W * sizeof(double))
     memset(frames.origin, 0, 3 * W * sizeof(double))
     for x in range(3):
@@ -118,8 +148,9 @@ cdef Py_ssize_t _rays_size(const Skeleton *s) noexcept nogil:
 cdef Rays _rays_of(const Skeleton *s, double **memory) noexcept nogil:
     """Allocate memory for pairs of configurations and points."""
     cdef Rays rays
-    rays.skeleton, rays.which = <Py_ssize_t *> _take(memory, W), <Py_ssize_t *> _take(memory, W)
-    rays.field, rays.places, rays.ray = _take(memory, W), _take(memory, 3 * W * s.K), _take(memory, 3 * W * s.K)
+    rays.lane, rays.point_index = <Py_ssize_t *> _take(memory, W), <Py_ssize_t *> _take(memory, W)
+    rays.field = _take(memory, W)
+    rays.key_points, rays.ray = _take(memory, 3 * W * s.K), _take(memory, 3 * W * s.K)
     rays.distance, rays.point, rays.lengths = _take(memory, W * s.K), _take(memory, 3 * W), _take(memory, W * s.L)
     rays.theta, rays.mantissa, rays.power = _take(memory, W), _take(memory, W), _take(memory, W)
     return rays
@@ -133,27 +164,34 @@ cdef Forces _forces_of(const Skeleton *s, double **memory) noexcept nogil:
     """Allocate memory for the forces at the key points."""
     cdef Forces forces
     forces.forces, forces.gradient = _take(memory, 3 * W * s.K), _take(memory, W * s.m)
-    forces.wrench, forces.gap = _take(memory, 6 * W * (s.m + 1)), _take(memory, W)
-    forces.alive, forces.ends = _take(memory, W), _take(memory, 6 * W)
+    forces.wrench, forces.half_square_gap = _take(memory, 6 * W * (s.m + 1)), _take(memory, W)
+    forces.untouched, forces.end_forces = _take(memory, W), _take(memory, 6 * W)
     return forces
 
 
-cdef Py_ssize_t _place(const Skeleton *s, const double *values, Py_ssize_t count, Frames frames) noexcept nogil:
-    """Compute joint frames and key points at `values: (count ≤ W, m)`. Return the number of lanes in use."""
+cdef Py_ssize_t _forward_kinematics(
+    const Skeleton *s, const double *values, Py_ssize_t count, Frames frames
+) noexcept nogil:
+    """Compute joint frames, key points and lengths of links at `values: (count ≤ W, m)`.
+
+    Return the number of lanes in use.
+    """
     cdef Py_ssize_t lanes = (count + GROUP - 1) // GROUP * GROUP, i, b, x, k, link
     cdef const Joint *joint
     cdef double *turn = frames.turn
     cdef double *slide = frames.slide
-    cdef double *above = frames.above
+    cdef double *parent_pose = frames.parent_pose
     cdef double *R
-    cdef double *up
+    cdef double *source
+    cdef double *parent_row
     cdef double *o
     cdef double *z
+    cdef double *key_point
     cdef double *first
     cdef double *last
     cdef double *length
     cdef double a0, a1, a2, t0, t1, t2, m00, m01, m02, m10, m11, m12, m20, m21, m22
-    cdef double q, c, n, d, f0, f1, f2, r0, r1, r2, along, u, v, w, farthest
+    cdef double q, c, n, d, f0, f1, f2, r0, r1, r2, along, u, v, w, largest
     for i in range(s.m):
         joint = &s.joints[i]
         a0, a1, a2 = joint.axis[0], joint.axis[1], joint.axis[2]
@@ -177,24 +215,24 @@ cdef Py_ssize_t _place(const Skeleton *s, const double *values, Py_ssize_t count
             turn[4 * W + b], turn[5 * W + b] = d * a1 * a1 + c, d * a1 * a2 - n * a0
             turn[6 * W + b], turn[7 * W + b] = d * a2 * a0 - n * a1, d * a2 * a1 + n * a0
             turn[8 * W + b] = d * a2 * a2 + c
-        up = frames.rotation + 9 * W * joint.parent
+        source = frames.rotation + 9 * W * joint.parent
         for x in range(9 * W):
-            above[x] = up[x]
-        up = frames.origin + 3 * W * joint.parent
+            parent_pose[x] = source[x]
+        source = frames.origin + 3 * W * joint.parent
         for x in range(3 * W):
-            above[9 * W + x] = up[x]
+            parent_pose[9 * W + x] = source[x]
         for x in range(3):
             R = frames.rotation + W * (9 * (i + 1) + 3 * x)
             o, z = frames.origin + W * (3 * (i + 1) + x), frames.axis + W * (3 * (i + 1) + x)
-            up = above + 3 * W * x
+            parent_row = parent_pose + 3 * W * x
             for b in range(lanes):
-                f0, f1, f2 = up[b], up[W + b], up[2 * W + b]
+                f0, f1, f2 = parent_row[b], parent_row[W + b], parent_row[2 * W + b]
                 r0 = f0 * m00 + f1 * m10 + f2 * m20
                 r1 = f0 * m01 + f1 * m11 + f2 * m21
                 r2 = f0 * m02 + f1 * m12 + f2 * m22
                 along = r0 * a0 + r1 * a1 + r2 * a2
                 z[b] = along
-                o[b] = above[(9 + x) * W + b] + f0 * t0 + f1 * t1 + f2 * t2 + along * slide[b]
+                o[b] = parent_pose[(9 + x) * W + b] + f0 * t0 + f1 * t1 + f2 * t2 + along * slide[b]
                 R[b] = r0 * turn[b] + r1 * turn[3 * W + b] + r2 * turn[6 * W + b]
                 R[W + b] = r0 * turn[W + b] + r1 * turn[4 * W + b] + r2 * turn[7 * W + b]
                 R[2 * W + b] = r0 * turn[2 * W + b] + r1 * turn[5 * W + b] + r2 * turn[8 * W + b]
@@ -202,18 +240,19 @@ cdef Py_ssize_t _place(const Skeleton *s, const double *values, Py_ssize_t count
         t0, t1, t2 = s.keys[k].offset[0], s.keys[k].offset[1], s.keys[k].offset[2]
         for x in range(3):
             R = frames.rotation + W * (9 * s.keys[k].joint + 3 * x)
-            o, z = frames.origin + W * (3 * s.keys[k].joint + x), frames.places + W * (3 * k + x)
+            o, key_point = frames.origin + W * (3 * s.keys[k].joint + x), frames.key_points + W * (3 * k + x)
             for b in range(lanes):
-                z[b] = o[b] + R[b] * t0 + R[W + b] * t1 + R[2 * W + b] * t2
+                key_point[b] = o[b] + R[b] * t0 + R[W + b] * t1 + R[2 * W + b] * t2
     for b in range(W):
-        frames.reach[b] = 0.0
+        frames.largest_coordinate[b] = 0.0
     for k in range(s.K):
-        z = frames.places + 3 * W * k
+        key_point = frames.key_points + 3 * W * k
         for b in range(lanes):
-            farthest = max(max(fabs(z[b]), fabs(z[W + b])), fabs(z[2 * W + b]))
-            frames.reach[b] = max(frames.reach[b], farthest)
+            largest = max(max(fabs(key_point[b]), fabs(key_point[W + b])), fabs(key_point[2 * W + b]))
+            frames.largest_coordinate[b] = max(frames.largest_coordinate[b], largest)
     for link in range(s.L):
-        first, last = frames.places + 3 * W * s.links[2 * link], frames.places + 3 * W * s.links[2 * link + 1]
+        first = frames.key_points + 3 * W * s.links[2 * link]
+        last = frames.key_points + 3 * W * s.links[2 * link + 1]
         length = frames.lengths + W * link
         for b in range(lanes):
             u, v, w = last[b] - first[b], last[W + b] - first[W + b], last[2 * W + b] - first[2 * W + b]
@@ -227,34 +266,35 @@ cdef Py_ssize_t _cast_rays(
     """Compute the vectors from the key points to the points. Return the number of lanes in use."""
     cdef Py_ssize_t lanes = (count + GROUP - 1) // GROUP * GROUP, b, x, k, link
     cdef double *ray
-    cdef double *place
-    cdef const double *known
+    cdef double *distance
+    cdef double *key_point
+    cdef const double *source
     cdef double u, v, w
     for b in range(count, lanes):
-        rays.skeleton[b], rays.which[b] = rays.skeleton[count - 1], rays.which[count - 1]
+        rays.lane[b], rays.point_index[b] = rays.lane[count - 1], rays.point_index[count - 1]
     for x in range(3):
         for b in range(lanes):
-            rays.point[W * x + b] = points.columns[points.M * x + rays.which[b]]
+            rays.point[W * x + b] = points.columns[points.M * x + rays.point_index[b]]
         for k in range(s.K):
-            known, place = frames.places + W * (3 * k + x), rays.places + W * (3 * k + x)
+            source, key_point = frames.key_points + W * (3 * k + x), rays.key_points + W * (3 * k + x)
             ray = rays.ray + W * (3 * k + x)
             for b in range(lanes):
-                place[b] = known[rays.skeleton[b]]
+                key_point[b] = source[rays.lane[b]]
             for b in range(lanes):
-                ray[b] = rays.point[W * x + b] - place[b]
+                ray[b] = rays.point[W * x + b] - key_point[b]
     for k in range(s.K):
-        ray, place = rays.ray + 3 * W * k, rays.distance + W * k
+        ray, distance = rays.ray + 3 * W * k, rays.distance + W * k
         for b in range(lanes):
             u, v, w = ray[b], ray[W + b], ray[2 * W + b]
-            place[b] = sqrt(u * u + v * v + w * w)
+            distance[b] = sqrt(u * u + v * v + w * w)
     for link in range(s.L):
         for b in range(lanes):
-            rays.lengths[W * link + b] = frames.lengths[W * link + rays.skeleton[b]]
+            rays.lengths[W * link + b] = frames.lengths[W * link + rays.lane[b]]
     return lanes
 
 
 cdef bint _write_fields(const Skeleton *s, Py_ssize_t lanes, Rays rays) noexcept nogil:
-    """Compute the fields at the points. Return False if a point is so near that `_potentials` must be used."""
+    """Compute the fields at the points. Return False if a point is so near that `_fields_at_points` must be used."""
     cdef Py_ssize_t link, b, near = 0
     cdef const double *first
     cdef const double *last
@@ -281,10 +321,12 @@ cdef bint _write_fields(const Skeleton *s, Py_ssize_t lanes, Rays rays) noexcept
 cdef void _write_forces(
     const Skeleton *s, const double *weights, Py_ssize_t lanes, Rays rays, Forces forces
 ) noexcept nogil:
-    """Compute the forces, weight × ∂φ/∂(key point), for weights (W,). They are 0 for a point on a segment.
+    """Compute the forces, weight × ∂φ/∂(key point), for weights (W,). The forces are 0 for a point on a segment.
 
-    ∂φ/∂a = c e₁ − κ (b − a) and ∂φ/∂b = c e₂ + κ (b − a), with the unit vectors e₁ and e₂ from the ends a and b to the
-    point. If links are weighted by length, both are multiplied by ℓ, and ∓φ (b − a)/ℓ is added.
+    For the field φ = θ/ℓ of a link from a to b, ∂φ/∂a = c e₁ − κ (b − a) and ∂φ/∂b = c e₂ + κ (b − a), with
+    c = 2/(S² − ℓ²), κ = (c S − φ)/ℓ², and the unit vectors e₁ and e₂ from a and b to the point. If links are weighted
+    by length, the field is ℓφ. Then both gradients are multiplied by ℓ, −φ (b − a)/ℓ is added to the first, and
+    +φ (b − a)/ℓ to the second. The code adds φ/ℓ² to κ before the multiplication by ℓ, which is the same.
     """
     cdef Py_ssize_t link, b, x, k, i, j
     cdef const double *u
@@ -293,25 +335,27 @@ cdef void _write_forces(
     cdef const double *d2
     cdef const double *length
     cdef double *theta = rays.theta
-    cdef double *gap = forces.gap
-    cdef double *alive = forces.alive
-    cdef double *ends = forces.ends
+    cdef double *half_square_gap = forces.half_square_gap
+    cdef double *untouched = forces.untouched
+    # The first end force overwrites the segment b − a, after the segment is read.
+    cdef double *segment = forces.end_forces
+    cdef double *end_forces = forces.end_forces
     cdef double *at
-    cdef double w0, w1, w2, along, product, area, half, S, c, square, phi, y, ratio, total, kappa, weight, near, far
-    cdef double stretch
+    cdef double w0, w1, w2, along, product, area, half, S, c, square, phi, y, ratio, total, kappa, weight
+    cdef double first_factor, last_factor, stretch
     cdef bint touching
     for b in range(3 * W * s.K):
         forces.forces[b] = 0.0
     for b in range(W):
-        alive[b] = 1.0
+        untouched[b] = 1.0
     for link in range(s.L):
         i, j = s.links[2 * link], s.links[2 * link + 1]
         length, d1, d2 = rays.lengths + W * link, rays.distance + W * i, rays.distance + W * j
         u, v = rays.ray + 3 * W * i, rays.ray + 3 * W * j
         for x in range(3):
             for b in range(lanes):
-                ends[W * x + b] = rays.places[W * (3 * j + x) + b] - rays.places[W * (3 * i + x) + b]
-        # The formula of `half_gap` without branches, so that compilers vectorize the loop.
+                segment[W * x + b] = rays.key_points[W * (3 * j + x) + b] - rays.key_points[W * (3 * i + x) + b]
+        # The formula of `half_gap`, (S² − ℓ²)/2, without branches, so that compilers vectorize the loop.
         for b in range(lanes):
             w0 = u[W + b] * v[2 * W + b] - u[2 * W + b] * v[W + b]
             w1 = u[2 * W + b] * v[b] - u[b] * v[2 * W + b]
@@ -322,13 +366,13 @@ cdef void _write_forces(
             touching = (min(d1[b], d2[b]) <= ROUNDING * max(d1[b], d2[b])) | (
                 (along < 0.0) & (area <= ROUNDING * product)
             ) | (half <= 0.0)
-            alive[b] = 0.0 if touching else alive[b]
-            gap[b] = 1.0 if touching else half
-            theta[b] = min(length[b] * (d1[b] + d2[b] + length[b]) / gap[b], LARGEST)
+            untouched[b] = 0.0 if touching else untouched[b]
+            half_square_gap[b] = 1.0 if touching else half
+            theta[b] = min(length[b] * (d1[b] + d2[b] + length[b]) / half_square_gap[b], LARGEST)
         _log1p_each(theta, rays.mantissa, rays.power, lanes)
-        # The formula of `gradient_terms` without branches, so that compilers vectorize the loop.
+        # The formula of `_gradient_terms` in `moving.pyx` without branches, so that compilers vectorize the loop.
         for b in range(lanes):
-            S, c, square = d1[b] + d2[b], 1.0 / gap[b], length[b] * length[b]
+            S, c, square = d1[b] + d2[b], 1.0 / half_square_gap[b], length[b] * length[b]
             phi, ratio = theta[b] / length[b], length[b] / S
             y = ratio * ratio
             total = 0.0
@@ -344,34 +388,38 @@ cdef void _write_forces(
             kappa = (c * S - phi) / square if y > SERIES else 2.0 * total / (S * S * S)
             weight = weights[b] * (length[b] if s.by_length else 1.0)
             kappa += phi / square if s.by_length else 0.0
-            near, far = weight * c / d1[b], weight * c / d2[b]
+            first_factor, last_factor = weight * c / d1[b], weight * c / d2[b]
             stretch = weight * kappa
             for x in range(3):
-                w0 = stretch * ends[W * x + b]
-                ends[W * x + b] = near * u[W * x + b] - w0
-                ends[W * (3 + x) + b] = far * v[W * x + b] + w0
+                w0 = stretch * segment[W * x + b]
+                end_forces[W * x + b] = first_factor * u[W * x + b] - w0
+                end_forces[W * (3 + x) + b] = last_factor * v[W * x + b] + w0
         for x in range(3):
             at = forces.forces + W * (3 * i + x)
             for b in range(lanes):
-                at[b] += ends[W * x + b]
+                at[b] += end_forces[W * x + b]
             at = forces.forces + W * (3 * j + x)
             for b in range(lanes):
-                at[b] += ends[W * (3 + x) + b]
+                at[b] += end_forces[W * (3 + x) + b]
     for k in range(3 * s.K):
         at = forces.forces + W * k
         for b in range(lanes):
-            at[b] = at[b] if alive[b] > 0.0 else 0.0
+            at[b] = at[b] if untouched[b] > 0.0 else 0.0
 
 
 cdef void _jacobian_transpose_product(
-    const Skeleton *s, Py_ssize_t lanes, Frames frames, const double *forces, Forces room
+    const Skeleton *s, Py_ssize_t lanes, Frames frames, const double *forces, Forces work
 ) noexcept nogil:
-    """Compute Jᵀf by the joints for forces f (K, 3, W) at the key points; see `KeyPointTable`."""
+    """Compute the joint torques Jᵀf of forces f (K, 3, W) at the key points, and write them to `work.gradient`.
+
+    The wrench of each joint frame is the sum of the wrenches of the key points that the joint moves. The torque is the
+    component of the wrench along the joint axis. See also `KeyPointTable`.
+    """
     cdef Py_ssize_t k, x, y, z, b, i
-    cdef double *wrench = room.wrench
-    cdef double *own
-    cdef double *above
-    cdef const double *place
+    cdef double *wrench = work.wrench
+    cdef double *joint_wrench
+    cdef double *parent_wrench
+    cdef const double *position
     cdef const double *force
     cdef const double *origin
     cdef const double *axis
@@ -379,40 +427,43 @@ cdef void _jacobian_transpose_product(
     for b in range(6 * W * (s.m + 1)):
         wrench[b] = 0.0
     for k in range(s.K):
-        own, place, force = wrench + 6 * W * s.keys[k].joint, frames.places + 3 * W * k, forces + 3 * W * k
+        joint_wrench = wrench + 6 * W * s.keys[k].joint
+        position, force = frames.key_points + 3 * W * k, forces + 3 * W * k
         for x in range(3):
             y, z = (x + 1) % 3, (x + 2) % 3
             for b in range(lanes):
-                own[W * x + b] += force[W * x + b]
+                joint_wrench[W * x + b] += force[W * x + b]
             for b in range(lanes):
-                own[W * (3 + x) + b] += place[W * y + b] * force[W * z + b] - place[W * z + b] * force[W * y + b]
+                joint_wrench[W * (3 + x) + b] += (
+                    position[W * y + b] * force[W * z + b] - position[W * z + b] * force[W * y + b]
+                )
     for i in range(s.m - 1, -1, -1):
-        own, above = wrench + 6 * W * (i + 1), wrench + 6 * W * s.joints[i].parent
+        joint_wrench, parent_wrench = wrench + 6 * W * (i + 1), wrench + 6 * W * s.joints[i].parent
         origin, axis = frames.origin + 3 * W * (i + 1), frames.axis + 3 * W * (i + 1)
         if s.joints[i].slides:
             for b in range(lanes):
                 total = 0.0
-                total += axis[b] * own[b]
-                total += axis[W + b] * own[W + b]
-                total += axis[2 * W + b] * own[2 * W + b]
-                room.gradient[W * i + b] = total
+                total += axis[b] * joint_wrench[b]
+                total += axis[W + b] * joint_wrench[W + b]
+                total += axis[2 * W + b] * joint_wrench[2 * W + b]
+                work.gradient[W * i + b] = total
         else:
             for b in range(lanes):
                 total = 0.0
-                turned = origin[W + b] * own[2 * W + b] - origin[2 * W + b] * own[W + b]
-                total += axis[b] * (own[3 * W + b] - turned)
-                turned = origin[2 * W + b] * own[b] - origin[b] * own[2 * W + b]
-                total += axis[W + b] * (own[4 * W + b] - turned)
-                turned = origin[b] * own[W + b] - origin[W + b] * own[b]
-                total += axis[2 * W + b] * (own[5 * W + b] - turned)
-                room.gradient[W * i + b] = total
+                turned = origin[W + b] * joint_wrench[2 * W + b] - origin[2 * W + b] * joint_wrench[W + b]
+                total += axis[b] * (joint_wrench[3 * W + b] - turned)
+                turned = origin[2 * W + b] * joint_wrench[b] - origin[b] * joint_wrench[2 * W + b]
+                total += axis[W + b] * (joint_wrench[4 * W + b] - turned)
+                turned = origin[b] * joint_wrench[W + b] - origin[W + b] * joint_wrench[b]
+                total += axis[2 * W + b] * (joint_wrench[5 * W + b] - turned)
+                work.gradient[W * i + b] = total
         for x in range(6):
             for b in range(lanes):
-                above[W * x + b] += own[W * x + b]
+                parent_wrench[W * x + b] += joint_wrench[W * x + b]
 
 
-cdef void _log1p_each(double *x, double *mantissa, double *power, Py_ssize_t number) noexcept nogil:
-    """Replace the first numbers of `x`, 0 ≤ x < ∞, by log(1 + x), in loops that compilers vectorize.
+cdef void _log1p_each(double *x, double *mantissa, double *power, Py_ssize_t count) noexcept nogil:
+    """Replace the first `count` entries of `x` by log(1 + x), in loops that compilers vectorize. 0 ≤ x < ∞ is required.
 
     With 1 + x = 2ᵏ(1 + f), √½ ≤ 1 + f < √2, and s = f/(2 + f) it is k log 2 + 2 atanh s, for which a polynomial in s²
     is accurate to rounding (fdlibm's `e_log.c`). For k = 0, f is x, so small x keep their relative accuracy.
@@ -421,13 +472,13 @@ cdef void _log1p_each(double *x, double *mantissa, double *power, Py_ssize_t num
     cdef int64_t *bits = <int64_t *> mantissa
     cdef int64_t k
     cdef double f, s, z, series
-    for j in range(number):
+    for j in range(count):
         mantissa[j] = 1.0 + x[j]
-    for j in range(number):
+    for j in range(count):
         k = (bits[j] - <int64_t> 0x3FE6A09E00000000) >> 52
         bits[j] = <int64_t> (<uint64_t> bits[j] - (<uint64_t> k << 52))
         power[j] = <double> k
-    for j in range(number):
+    for j in range(count):
         f = x[j] if power[j] == 0.0 else mantissa[j] - 1.0
         s = f / (2.0 + f)
         z = s * s
@@ -440,12 +491,17 @@ cdef void _log1p_each(double *x, double *mantissa, double *power, Py_ssize_t num
 
 # ------------------------------------------------------------------------------ one configuration and many points
 
-# A block of points: points (3, BLOCK), θ of a link and room for its logarithm (BLOCK,), distances (K, BLOCK).
+# A block of points, for one configuration.
 cdef struct Block:
+    # Coordinates of the points (3, BLOCK) [m].
     double *points
+    # Ratios 2ℓ/(S − ℓ) of one link, which are replaced by θ (BLOCK,).
     double *theta
+    # Working memory of `_log1p_each` (BLOCK,).
     double *mantissa
+    # Working memory of `_log1p_each` (BLOCK,).
     double *power
+    # Distances of the points from the key points (K, BLOCK) [m].
     double *distances
 
 
@@ -458,27 +514,30 @@ cdef Py_ssize_t _block_size(Py_ssize_t K) noexcept nogil:
     return (6 + K) * BLOCK * sizeof(double)
 
 
-cdef void _potentials(
-    const double *places, const Skeleton *s, const PointRange *points, double *levels, Py_ssize_t room, bint summed,
-    void *memory,
+cdef void _fields_at_points(
+    const double *key_points, const Skeleton *s, const PointRange *points, double *fields, Py_ssize_t row_stride,
+    bint summed, void *memory,
 ) noexcept nogil:
-    """See `LaneFunctions.potentials`. Writes eq. (7) of the paper for each link, or the sum over links, eq. (5)."""
+    """See `LaneFunctions.potentials`. Writes the field of each link, eq. (7), or the sum over links, eq. (5).
+
+    Rows of `fields` are `row_stride` apart. A sum is written into one row.
+    """
     cdef Block block = _block(memory)
     cdef Py_ssize_t begin = points.begin, end = points.end, first, number, lanes, link, a, b, j
     cdef double length, scale
     cdef double *row
     for link in range(1 if summed else s.L):
         for j in range(end - begin):
-            levels[room * link + j] = 0.0
+            fields[row_stride * link + j] = 0.0
     for first in range(begin, end, 128):
         number = min(<Py_ssize_t> BLOCK, end - first)
-        lanes = _take_points(places, s.K, points.columns, points.stride, first, number, block)
+        lanes = _take_points(key_points, s.K, points.columns, points.stride, first, number, block)
         for link in range(s.L):
             a, b = s.links[2 * link], s.links[2 * link + 1]
-            length = _length(places + 3 * a, places + 3 * b)
-            _angles(places, a, b, length, block, lanes)
+            length = _length(key_points + 3 * a, key_points + 3 * b)
+            _log_ratios(key_points, a, b, length, block, lanes)
             scale = 1.0 if s.by_length else 1.0 / length
-            row = levels + (0 if summed else room * link) + (first - begin)
+            row = fields + (0 if summed else row_stride * link) + (first - begin)
             for j in range(number):
                 row[j] += scale * block.theta[j]
 
@@ -490,13 +549,13 @@ cdef double _length(const double *a, const double *b) noexcept nogil:
 
 
 cdef Py_ssize_t _take_points(
-    const double *places, Py_ssize_t K, const double *columns, Py_ssize_t stride, Py_ssize_t begin, Py_ssize_t number,
-    Block block,
+    const double *key_points, Py_ssize_t K, const double *columns, Py_ssize_t stride, Py_ssize_t begin,
+    Py_ssize_t number, Block block,
 ) noexcept nogil:
     """Copy a block of points, and compute their distances (K, ·) from all key points.
 
-    The last point is repeated to fill the last group of lanes, because a scalar loop over the remainder took as long as
-    many groups. Return the padded number of points.
+    The last point is repeated to fill the last W lanes, because a scalar loop over the remainder took as long as many
+    groups of lanes. Return the padded number of points.
     """
     cdef Py_ssize_t lanes = min(<Py_ssize_t> BLOCK, (number + W - 1) // W * W), x, j, k
     cdef double *copies
@@ -510,7 +569,7 @@ cdef Py_ssize_t _take_points(
             copies[j] = copies[number - 1]
     copies = block.points
     for k in range(K):
-        x0, y0, z0 = places[3 * k], places[3 * k + 1], places[3 * k + 2]
+        x0, y0, z0 = key_points[3 * k], key_points[3 * k + 1], key_points[3 * k + 2]
         distances = block.distances + BLOCK * k
         for j in range(lanes):
             dx, dy, dz = copies[j] - x0, copies[BLOCK + j] - y0, copies[2 * BLOCK + j] - z0
@@ -518,8 +577,8 @@ cdef Py_ssize_t _take_points(
     return lanes
 
 
-cdef void _angles(
-    const double *places, Py_ssize_t start, Py_ssize_t end, double length, Block block, Py_ssize_t number
+cdef void _log_ratios(
+    const double *key_points, Py_ssize_t start, Py_ssize_t end, double length, Block block, Py_ssize_t number
 ) noexcept nogil:
     """Compute θ = log(1 + 2ℓ/(S − ℓ)) of a link at a block of points."""
     cdef double *theta = block.theta
@@ -530,7 +589,7 @@ cdef void _angles(
         theta[j] = 2.0 * length / (first[j] + last[j] - length)
         near += not (0.0 <= theta[j] and theta[j] <= NEAR)
     if near:
-        _restore_digits(places + 3 * start, places + 3 * end, first, last, length, block, number)
+        _restore_digits(key_points + 3 * start, key_points + 3 * end, first, last, length, block, number)
     _log1p_each(theta, block.mantissa, block.power, number)
     if near:
         _mark_contacts(first, last, theta, number)
@@ -540,7 +599,10 @@ cdef void _restore_digits(
     const double *a, const double *b, const double *first, const double *last, double length, Block block,
     Py_ssize_t number,
 ) noexcept nogil:
-    """Where S − ℓ cancels, recompute 2ℓ/(S − ℓ) as ℓ (S + ℓ)/((S² − ℓ²)/2). Write 0 on the segment."""
+    """Where S − ℓ cancels, recompute 2ℓ/(S − ℓ) as ℓ (S + ℓ)/((S² − ℓ²)/2). Write 0 on the segment.
+
+    `_mark_contacts` uses this 0 to find the points on the segment.
+    """
     cdef double *ratios = block.theta
     cdef double u[3]
     cdef double v[3]
@@ -555,7 +617,10 @@ cdef void _restore_digits(
 
 
 cdef void _mark_contacts(const double *first, const double *last, double *theta, Py_ssize_t number) noexcept nogil:
-    """Set θ to infinity on the segment, and keep NaN."""
+    """Set θ to infinity on the segment, where `_restore_digits` made θ 0, and to NaN if a distance is NaN.
+
+    θ stays 0 for points at infinity.
+    """
     cdef Py_ssize_t j
     cdef double S
     for j in range(number):
@@ -568,19 +633,25 @@ cdef void _mark_contacts(const double *first, const double *last, double *theta,
 
 # ------------------------------------------------------------------------------- the maximum danger at configurations
 
-# Working memory for the maximum danger at W configurations. In single precision: N points (3, N), N a multiple of
-# CHUNK, their distances from key points (K, N), and upper bounds of their danger (W, N); the largest bound of each
-# chunk, as bits (W, N/CHUNK). For each configuration (W,): the most dangerous point so far, its danger, and the danger
-# from which a point is a candidate.
+# Working memory for the maximum danger at W configurations. N is the number of points, rounded up to a multiple of
+# CHUNK.
 cdef struct Peaks:
+    # The number N.
     Py_ssize_t padded
+    # Coordinates of the points (3, N) in single precision [m].
     float *single
+    # Distances of the points from the key points (K, N) of one configuration [m].
     float *distances
+    # Upper bounds of the danger of the points (W, N).
     float *bounds
+    # Bit patterns of the largest bound of each chunk (W, N/CHUNK).
     uint32_t *tops
+    # Index of the most dangerous point so far (W,).
     Py_ssize_t *best
+    # The danger at this point (W,).
     double *peak
-    double *least
+    # The danger from which on a point is a candidate (W,).
+    double *threshold
 
 
 cdef Py_ssize_t _peaks_size(Py_ssize_t K, Py_ssize_t M) noexcept nogil:
@@ -599,7 +670,7 @@ cdef Peaks _peaks(Py_ssize_t K, const Points *points, double **memory) noexcept 
     peaks.padded = N
     peaks.single, peaks.distances = <float *> _take(memory, 3 * N), <float *> _take(memory, K * N)
     peaks.bounds, peaks.tops = <float *> _take(memory, W * N), <uint32_t *> _take(memory, W * (N // CHUNK))
-    peaks.best, peaks.peak, peaks.least = <Py_ssize_t *> _take(memory, W), _take(memory, W), _take(memory, W)
+    peaks.best, peaks.peak, peaks.threshold = <Py_ssize_t *> _take(memory, W), _take(memory, W), _take(memory, W)
     for x in range(3):
         for k in range(M):
             peaks.single[N * x + k] = points.single[M * x + k]
@@ -609,28 +680,30 @@ cdef Peaks _peaks(Py_ssize_t K, const Points *points, double **memory) noexcept 
 
 
 cdef void _upper_bounds(
-    const Skeleton *s, Frames frames, Py_ssize_t lane, double reach, const Peaks *peaks, float *out
+    const Skeleton *s, Frames frames, Py_ssize_t lane, double largest_coordinate, const Peaks *peaks, float *out
 ) noexcept nogil:
-    """Compute upper bounds (N,) of the field in single precision. This takes an eighth of the time of `_potentials`.
+    """Compute upper bounds (N,) of the field in single precision, in an eighth of the time of `_fields_at_points`.
 
     log(1 + r) ≤ r (6 + r)/(6 + 4r), and r = 2ℓ/g with the gap g = S − ℓ. So the field of a link is at most
-    2 (3g + ℓ)/(g (3g + 4ℓ)), which decreases with g. Let R be the largest absolute coordinate of points (`reach`) and
-    key points, and u = 2⁻²⁴. The error of a difference of coordinates is at most 3uR, that of a distance at most
-    √3·3uR + 4u·√12 R < 20uR, and that of S − ℓ less than 64uR. Therefore the computed gap is reduced by 64uR. The
-    remaining operations have a relative error below (16 + L) u, for which the constant `two` has twice the margin.
+    2 (3g + ℓ)/(g (3g + 4ℓ)), which decreases with g. Let R be the largest absolute coordinate of points
+    (`largest_coordinate`) and key points, and u = 2⁻²⁴. The error of a difference of coordinates is at most 3uR, that
+    of a distance at most √3·3uR + 4u·√12 R < 20uR, and that of S − ℓ less than 64uR. Therefore the computed gap is
+    reduced by 64uR. The remaining operations have a relative error below (16 + L) u, for which the constant
+    `two_rounded_up` has the margin (32 + L) u.
     """
     cdef Py_ssize_t N = peaks.padded, k, m, link
-    cdef float x, y, z, dx, dy, dz, length, taken, weight, gap, wide, bound
-    cdef float two = <float> (2.0 * (1.0 + (32.0 + s.L) * FINE)), three = 3.0, least = <float> 1e-18
-    cdef float infinite = INFINITY, error = <float> (64.0 * FINE * max(reach, frames.reach[lane]))
+    cdef float x, y, z, dx, dy, dz, length, length_and_error, weight, gap, three_gap_length, bound
+    cdef float two_rounded_up = <float> (2.0 * (1.0 + (32.0 + s.L) * SINGLE_ROUNDOFF)), three = 3.0
+    cdef float smallest_gap = <float> 1e-18, infinite = INFINITY
+    cdef float error = <float> (64.0 * SINGLE_ROUNDOFF * max(largest_coordinate, frames.largest_coordinate[lane]))
     cdef const float *points = peaks.single
     cdef const float *first
     cdef const float *last
     cdef float *distances
     for k in range(s.K):
-        x = <float> frames.places[3 * W * k + lane]
-        y = <float> frames.places[3 * W * k + W + lane]
-        z = <float> frames.places[3 * W * k + 2 * W + lane]
+        x = <float> frames.key_points[3 * W * k + lane]
+        y = <float> frames.key_points[3 * W * k + W + lane]
+        z = <float> frames.key_points[3 * W * k + 2 * W + lane]
         distances = peaks.distances + N * k
         for m in range(N):
             dx, dy, dz = points[m] - x, points[N + m] - y, points[2 * N + m] - z
@@ -640,13 +713,13 @@ cdef void _upper_bounds(
     for link in range(s.L):
         first, last = peaks.distances + N * s.links[2 * link], peaks.distances + N * s.links[2 * link + 1]
         length = <float> frames.lengths[W * link + lane]
-        taken = length + error
-        weight = two * length if s.by_length else two
+        length_and_error = length + error
+        weight = two_rounded_up * length if s.by_length else two_rounded_up
         for m in range(N):
-            gap = first[m] + last[m] - taken
-            wide = three * gap + length
-            bound = weight * wide / (gap * (wide + three * length))
-            out[m] += bound if gap > least else infinite
+            gap = first[m] + last[m] - length_and_error
+            three_gap_length = three * gap + length
+            bound = weight * three_gap_length / (gap * (three_gap_length + three * length))
+            out[m] += bound if gap > smallest_gap else infinite
 
 
 cdef void _bound(const Skeleton *s, Frames frames, const Points *points, Py_ssize_t lane, Peaks *peaks) noexcept nogil:
@@ -671,7 +744,7 @@ cdef void _bound(const Skeleton *s, Frames frames, const Points *points, Py_ssiz
     best = CHUNK * likely
     while bits[best] != tops[likely]:
         best += 1
-    peaks.best[lane], peaks.peak[lane], peaks.least[lane] = best, -INFINITY, -INFINITY
+    peaks.best[lane], peaks.peak[lane], peaks.threshold[lane] = best, -INFINITY, -INFINITY
 
 
 # The lane and the chunk at which the search for candidates continues.
@@ -681,27 +754,31 @@ cdef struct Cursor:
 
 
 cdef Py_ssize_t _candidates(
-    Py_ssize_t M, Py_ssize_t count, Cursor *at, const double *high, const Peaks *peaks, Rays rays
+    Py_ssize_t M, Py_ssize_t count, Cursor *at, const double *high_dangers, const Peaks *peaks, Rays rays
 ) noexcept nogil:
-    """Collect points of M, from the cursor on, whose upper bound reaches the threshold. Return their number.
+    """Of M points, collect those from the cursor on whose upper bound reaches the threshold. Return their number.
 
-    Points that were evaluated before are skipped: the best points, and points with `high` > 0, (M,) or NULL.
+    At most W points are collected, into `rays`. `high_dangers` (M,) or NULL are the high dangers found before. Points
+    that were evaluated before are skipped: the best point of each lane, and points with `high_dangers` > 0.
     """
     cdef Py_ssize_t number = 0, N = peaks.padded, chunks = peaks.padded // CHUNK, k, best
     cdef const float *bounds
     cdef const float *tops
-    cdef float enough
+    cdef float threshold
     while at.lane < count:
         bounds, best = peaks.bounds + N * at.lane, peaks.best[at.lane]
-        enough = <float> (peaks.least[at.lane] * (1.0 - 1e-7))
+        # The threshold is lowered by more than the rounding to single precision.
+        threshold = <float> (peaks.threshold[at.lane] * (1.0 - 1e-7))
         tops = <const float *> (peaks.tops + chunks * at.lane)
         while at.chunk < chunks:
-            if not tops[at.chunk] < enough:
+            if not tops[at.chunk] < threshold:
                 if number > W - CHUNK:
                     return number
                 for k in range(CHUNK * at.chunk, min(CHUNK * (at.chunk + 1), M)):
-                    if not (bounds[k] < enough or k == best or (high != NULL and high[k] > 0.0)):
-                        rays.skeleton[number], rays.which[number] = at.lane, k
+                    if not (
+                        bounds[k] < threshold or k == best or (high_dangers != NULL and high_dangers[k] > 0.0)
+                    ):
+                        rays.lane[number], rays.point_index[number] = at.lane, k
                         number += 1
             at.chunk += 1
         at.lane += 1
@@ -711,11 +788,13 @@ cdef Py_ssize_t _candidates(
 
 cdef int _highest(
     const Skeleton *s, const double *values, Py_ssize_t B, const Points *points, double *gradients,
-    const HighLevels *others, double *out,
+    const HighLevels *high_levels, double *out,
 ) noexcept nogil:
     """See `LaneFunctions.highest`.
 
     The danger is computed in double precision only for points whose bound in single precision reaches the threshold.
+    The first pass finds the most dangerous point of each configuration. With `high_levels` a second pass finds all
+    other points whose danger reaches the threshold of `high_levels`.
     """
     cdef Py_ssize_t m = s.m, K = s.K, M = points.M, first, count, filled, lane, number, lanes, b, k, i, point
     # The alignment of each of about 40 arrays wastes at most 7 doubles.
@@ -731,54 +810,56 @@ cdef int _highest(
     cdef Cursor at
     cdef PointRange alone
     cdef double *point_weights
-    cdef double *places
-    cdef double *high = NULL if others == NULL else others.levels
-    cdef double level, peak
-    cdef bint counting
+    cdef double *key_points
+    cdef double *high_dangers = NULL if high_levels == NULL else high_levels.levels
+    cdef double danger, peak
+    cdef bint second_pass
     if memory == NULL:
         return -1
     frames, rays, forces = _frames(s, &rest), _rays_of(s, &rest), _forces_of(s, &rest)
-    peaks, point_weights, places = _peaks(K, points, &rest), _take(&rest, W), _take(&rest, 3 * K)
+    peaks, point_weights, key_points = _peaks(K, points, &rest), _take(&rest, W), _take(&rest, 3 * K)
     for first in range(0, B, 16):
-        count, at, counting = min(<Py_ssize_t> W, B - first), Cursor(0, 0), False
-        filled = _place(s, values + m * first, count, frames)
+        count, at, second_pass = min(<Py_ssize_t> W, B - first), Cursor(0, 0), False
+        filled = _forward_kinematics(s, values + m * first, count, frames)
         for lane in range(count):
             _bound(s, frames, points, lane, &peaks)
-            rays.skeleton[lane], rays.which[lane] = lane, peaks.best[lane]
+            rays.lane[lane], rays.point_index[lane] = lane, peaks.best[lane]
         number = count
         while number > 0:
             lanes = _cast_rays(s, frames, points, number, rays)
             if not _write_fields(s, lanes, rays):
                 for b in range(number):
                     for k in range(3 * K):
-                        places[k] = rays.places[W * k + b]
-                    point = rays.which[b]
+                        key_points[k] = rays.key_points[W * k + b]
+                    point = rays.point_index[b]
                     alone = PointRange(points.columns, M, point, point + 1)
-                    _potentials(places, s, &alone, &rays.field[b], 1, True, rest)
+                    _fields_at_points(key_points, s, &alone, &rays.field[b], 1, True, rest)
             for b in range(number):
-                lane, point = rays.skeleton[b], rays.which[b]
-                level, peak = rays.field[b] * points.point_weights[point], peaks.peak[lane]
-                if counting:
-                    high[point] = max(high[point], level) if level >= peaks.least[lane] else high[point]
-                elif level > peak or (level == peak and point < peaks.best[lane]) or peak == -INFINITY:
-                    peaks.peak[lane], peaks.best[lane], peaks.least[lane] = level, point, level
-            number = _candidates(M, count, &at, high if counting else NULL, &peaks, rays)
-            if number == 0 and not counting and high != NULL:
-                counting, at = True, Cursor(0, 0)
+                lane, point = rays.lane[b], rays.point_index[b]
+                danger, peak = rays.field[b] * points.point_weights[point], peaks.peak[lane]
+                if second_pass:
+                    high_dangers[point] = (
+                        max(high_dangers[point], danger) if danger >= peaks.threshold[lane] else high_dangers[point]
+                    )
+                elif danger > peak or (danger == peak and point < peaks.best[lane]) or peak == -INFINITY:
+                    peaks.peak[lane], peaks.best[lane], peaks.threshold[lane] = danger, point, danger
+            number = _candidates(M, count, &at, high_dangers if second_pass else NULL, &peaks, rays)
+            if number == 0 and not second_pass and high_dangers != NULL:
+                second_pass, at = True, Cursor(0, 0)
                 for lane in range(count):
                     # On a link the danger is infinite, and a share of 0 would give NaN.
-                    peaks.least[lane] = others.least
-                    if others.share > 0.0:
-                        peaks.least[lane] = max(others.share * peaks.peak[lane], others.least)
-                    if peaks.peak[lane] >= peaks.least[lane]:
-                        high[peaks.best[lane]] = max(high[peaks.best[lane]], peaks.peak[lane])
-                number = _candidates(M, count, &at, high, &peaks, rays)
+                    peaks.threshold[lane] = high_levels.least
+                    if high_levels.share > 0.0:
+                        peaks.threshold[lane] = max(high_levels.share * peaks.peak[lane], high_levels.least)
+                    if peaks.peak[lane] >= peaks.threshold[lane]:
+                        high_dangers[peaks.best[lane]] = max(high_dangers[peaks.best[lane]], peaks.peak[lane])
+                number = _candidates(M, count, &at, high_dangers, &peaks, rays)
         for lane in range(count):
             out[first + lane] = peaks.peak[lane]
         if gradients != NULL:
             for lane in range(filled):
-                rays.skeleton[lane], rays.which[lane] = lane, peaks.best[min(lane, count - 1)]
-                point_weights[lane] = points.point_weights[rays.which[lane]]
+                rays.lane[lane], rays.point_index[lane] = lane, peaks.best[min(lane, count - 1)]
+                point_weights[lane] = points.point_weights[rays.point_index[lane]]
             _cast_rays(s, frames, points, filled, rays)
             _write_forces(s, point_weights, filled, rays, forces)
             _jacobian_transpose_product(s, filled, frames, forces.forces, forces)
@@ -794,47 +875,48 @@ cdef int _gradients(
     const double *weights, Py_ssize_t J, double *out,
 ) noexcept nogil:
     """See `LaneFunctions.gradients`. Points on a link have the gradient 0."""
-    cdef Py_ssize_t m = s.m, K = s.K, first, count, lanes, begin, number, rows, b, k, i
+    cdef Py_ssize_t m = s.m, K = s.K, first, count, lanes, begin, number, pair_lanes, b, k, i
     cdef Py_ssize_t numbers = _frames_size(s) + _rays_size(s) + _forces_size(s) + W + 3 * W * K + 64 * 8
     cdef double *memory = <double *> malloc(numbers * sizeof(double))
     cdef double *rest = memory
     cdef Frames frames
     cdef Rays rays
-    cdef Forces room
-    cdef double *some
+    cdef Forces work
+    cdef double *pair_weights
     cdef double *forces
     if memory == NULL:
         return -1
-    frames, rays, room = _frames(s, &rest), _rays_of(s, &rest), _forces_of(s, &rest)
-    some, forces = _take(&rest, W), _take(&rest, 3 * W * K)
+    frames, rays, work = _frames(s, &rest), _rays_of(s, &rest), _forces_of(s, &rest)
+    pair_weights, forces = _take(&rest, W), _take(&rest, 3 * W * K)
     for first in range(0, B, 16):
         count = min(<Py_ssize_t> W, B - first)
-        lanes = _place(s, values + m * first, count, frames)
+        lanes = _forward_kinematics(s, values + m * first, count, frames)
         for k in range(3 * W * K):
             forces[k] = 0.0
         for begin in range(0, count * J, 16):
             number = min(<Py_ssize_t> W, count * J - begin)
             for b in range(number):
-                rays.skeleton[b] = (begin + b) // J
-                rays.which[b], some[b] = chosen[J * first + begin + b], weights[J * first + begin + b]
-            rows = _cast_rays(s, frames, points, number, rays)
-            for b in range(number, rows):
-                some[b] = 0.0
-            _write_forces(s, some, rows, rays, room)
+                rays.lane[b] = (begin + b) // J
+                rays.point_index[b], pair_weights[b] = chosen[J * first + begin + b], weights[J * first + begin + b]
+            pair_lanes = _cast_rays(s, frames, points, number, rays)
+            for b in range(number, pair_lanes):
+                pair_weights[b] = 0.0
+            _write_forces(s, pair_weights, pair_lanes, rays, work)
             for k in range(3 * K):
                 for b in range(number):
-                    forces[W * k + rays.skeleton[b]] += room.forces[W * k + b]
-        _jacobian_transpose_product(s, lanes, frames, forces, room)
+                    forces[W * k + rays.lane[b]] += work.forces[W * k + b]
+        _jacobian_transpose_product(s, lanes, frames, forces, work)
         for b in range(count):
             for i in range(m):
-                out[m * (first + b) + i] = room.gradient[W * i + b]
+                out[m * (first + b) + i] = work.gradient[W * i + b]
     free(memory)
     return 0
 
 
-# A call of the struct would make Cython write a Python function for the first pointer, which is not used.
+# With LaneFunctions(…) Cython would generate an unused Python wrapper of `_block_size`. So the members are assigned one
+# by one.
 cdef LaneFunctions _functions
-_functions.block_size, _functions.potentials = _block_size, _potentials
+_functions.block_size, _functions.potentials = _block_size, _fields_at_points
 _functions.highest, _functions.gradients = _highest, _gradients
 
 functions = PyCapsule_New(&_functions, "safe_ompl.danger.LaneFunctions", NULL)

@@ -17,7 +17,7 @@ cdef Py_ssize_t _steps(double length, double step) except -1:
     Raises InputError for more than `MOST_STEPS` steps.
     """
     if not length <= MOST_STEPS * step:
-        raise InputError(f"a length of {length:g} m has no points in steps of {step:g} m")
+        raise InputError(f"a length of {length:g} m needs more than {MOST_STEPS:.0f} steps of {step:g} m")
     # A length that is a multiple of the step up to rounding gets no additional step.
     return <Py_ssize_t> max(1.0, ceil(length / step - 1e-9))
 
@@ -78,23 +78,29 @@ def revolved_points(const double[:, ::1] profile, double spacing):
 
 cdef object _capsule_rings(double radius, double length, double spacing):
     """Return radius and height (K, 2) [m] of the rings of a capsule about z. A capsule of length 0 is a sphere."""
-    cdef Py_ssize_t side = _steps(length, spacing) if length > 0.0 else 0, half, k
-    cdef double turn, height
-    half = _steps(M_PI / 2 * radius, spacing) if length > 0.0 else _steps(M_PI * radius, spacing)
-    found = np.empty((2 * half + side + 1 if length > 0.0 else half + 1, 2))
+    cdef Py_ssize_t side_steps, cap_steps, sphere_steps, k
+    cdef double latitude, height
+    if length > 0.0:
+        side_steps, cap_steps, sphere_steps = _steps(length, spacing), _steps(M_PI / 2 * radius, spacing), 0
+        found = np.empty((2 * cap_steps + side_steps + 1, 2))
+    else:
+        side_steps, cap_steps, sphere_steps = 0, 0, _steps(M_PI * radius, spacing)
+        found = np.empty((sphere_steps + 1, 2))
     cdef double[:, ::1] rings = found
     for k in range(rings.shape[0]):
-        # The rings are those of the lower hemisphere (`half` steps), the cylinder (`side` steps) and the upper
-        # hemisphere (`half` steps).
+        # The rings of a capsule are those of the lower hemisphere (`cap_steps` steps), the cylinder (`side_steps`
+        # steps) and the upper hemisphere (`cap_steps` steps).
         if length > 0.0:
-            turn = M_PI / 2 * (
-                <double> k / half - 1.0 if k < half else <double> max(<Py_ssize_t> 0, k - half - side) / half
+            latitude = M_PI / 2 * (
+                <double> k / cap_steps - 1.0
+                if k < cap_steps
+                else <double> max(<Py_ssize_t> 0, k - cap_steps - side_steps) / cap_steps
             )
-            height = length * (<double> min(max(k - half, <Py_ssize_t> 0), side) / side - 0.5)
+            height = length * (<double> min(max(k - cap_steps, <Py_ssize_t> 0), side_steps) / side_steps - 0.5)
         else:
-            turn, height = M_PI * (<double> k / half - 0.5), 0.0
-        rings[k, 0] = max(0.0, radius * cos(turn))
-        rings[k, 1] = height + radius * sin(turn)
+            latitude, height = M_PI * (<double> k / sphere_steps - 0.5), 0.0
+        rings[k, 0] = max(0.0, radius * cos(latitude))
+        rings[k, 1] = height + radius * sin(latitude)
     return found
 
 
@@ -105,7 +111,7 @@ cdef void _write_frame(const double *axis, double length, double (*frame)[3]) no
     digits, so it is computed as (x² + y²)/(1 − z).
     """
     cdef Py_ssize_t a, b
-    cdef double x, y, z, across, above
+    cdef double x, y, z, across, one_plus_z
     for a in range(3):
         for b in range(3):
             frame[a][b] = 1.0 if a == b else 0.0
@@ -117,9 +123,9 @@ cdef void _write_frame(const double *axis, double length, double (*frame)[3]) no
     if z < 0.0 and across < 1e-300:
         frame[1][1] = frame[2][2] = -1.0
         return
-    above = across / (1.0 - z) if z < 0.0 else 1.0 + z
-    frame[0][0], frame[0][1], frame[0][2] = 1.0 - x * x / above, -x * y / above, x
-    frame[1][0], frame[1][1], frame[1][2] = frame[0][1], 1.0 - y * y / above, y
+    one_plus_z = across / (1.0 - z) if z < 0.0 else 1.0 + z
+    frame[0][0], frame[0][1], frame[0][2] = 1.0 - x * x / one_plus_z, -x * y / one_plus_z, x
+    frame[1][0], frame[1][1], frame[1][2] = frame[0][1], 1.0 - y * y / one_plus_z, y
     frame[2][0], frame[2][1], frame[2][2] = -x, -y, z
 
 

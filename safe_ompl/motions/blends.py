@@ -27,7 +27,7 @@ _MIN_LINE = 1e-5  # [rad]
 
 
 def blended(
-    path: FloatArray, robot: Robot, tolerance: float, motion: MotionProver | None, limits: RateLimits | None = None
+    path: FloatArray, robot: Robot, tolerance: float, prover: MotionProver | None, limits: RateLimits | None = None
 ) -> Motion:
     """Round the corners of a path (N, n) within a tolerance [rad]. With tolerance 0 the robot stops at every corner.
 
@@ -43,31 +43,32 @@ def blended(
     points = path[0] + np.vstack([np.zeros((1, robot.n)), np.cumsum(steps, axis=0)])  # continuous joints unrolled
     lengths = np.linalg.norm(steps, axis=1)
     units = steps / lengths[:, None]
-    proof = motion if tolerance else None
+    # With tolerance 0 no blend is tried.
+    prover = prover if tolerance else None
     zero, spans, pieces, corners = np.zeros(robot.n), list[float](), list[FloatArray](), list[int]()
     # Length of the current edge that the previous blend uses.
     used = 0.0
     for k, (unit, length) in enumerate(zip(units, lengths.tolist(), strict=True)):
-        blend, parts = list[FloatArray](), list[float]()
+        blend, blend_lengths = list[FloatArray](), list[float]()
         last = k == len(units) - 1
         is_corner = not last and np.linalg.norm(units[k + 1] - unit) > _MIN_CORNER
-        if is_corner and proof is not None:
-            longest = min(length, lengths[k + 1]) / 2
-            if _EQUAL_POINTS * length < length - used - longest < _MIN_LINE:
-                longest -= min(_MIN_LINE, longest / 2)
-            blend, parts = _blend(points[k + 1], unit, units[k + 1], longest, tolerance, proof, limits)
-        half_length = sum(parts) / 2
+        if is_corner and prover is not None:
+            longest_half = min(length, lengths[k + 1]) / 2
+            if _EQUAL_POINTS * length < length - used - longest_half < _MIN_LINE:
+                longest_half -= min(_MIN_LINE, longest_half / 2)
+            blend, blend_lengths = _blend(points[k + 1], unit, units[k + 1], longest_half, tolerance, prover, limits)
+        half_length = sum(blend_lengths) / 2
         line = length - used - half_length
         if line > _EQUAL_POINTS * length:
             spans.append(line)
             pieces.append(np.array([points[k] + used * unit, line * unit, zero, zero]))
         pieces += blend
-        spans += parts
+        spans += blend_lengths
         if is_corner and not blend:
             corners.append(len(pieces))
         used = half_length
     if corners:
-        why = "no blend is proven there" if proof else "blends need a motion prover" if tolerance else "tolerance 0"
+        why = "no blend is proven there" if prover else "blends need a motion prover" if tolerance else "tolerance 0"
         _log.info("the robot stops at %d of %d corners: %s", len(corners), len(units) - 1, why)
     times = np.concatenate([[0.0], np.cumsum(spans)])
     return Motion(times, np.array(pieces), robot.joint_names, timed=False, corners=tuple(corners))
@@ -79,52 +80,58 @@ def _blend(
     second: FloatArray,
     half_length: float,
     tolerance: float,
-    proof: MotionProver,
+    prover: MotionProver,
     limits: RateLimits | None,
 ) -> tuple[list[FloatArray], list[float]]:
     """Return the pieces of a proven blend, coefficients (4, n), and their lengths.
 
-    Without one, both lists are empty.
+    The blend uses at most `half_length` of each of the two edges, whose unit tangents are `first` and `second`. Without
+    a proven blend, both lists are empty.
     """
     change = second - first
-    longest = min(half_length, 4 * tolerance / float(np.linalg.norm(change)))
+    longest_half = min(half_length, 4 * tolerance / float(np.linalg.norm(change)))
     for share in _BLEND_SHARES:
-        half = share * longest
-        ramp = _ramp(np.abs(change), 2 * half, limits)
-        max_d2q_ds2 = change / (2 * half * (1 - ramp))
+        half_blend = share * longest_half
+        ramp = _ramp(np.abs(change), 2 * half_blend, limits)
+        max_d2q_ds2 = change / (2 * half_blend * (1 - ramp))
         zero = np.zeros_like(change)
-        d3q_ds3 = max_d2q_ds2 / (2 * half * ramp) if ramp else zero
+        d3q_ds3 = max_d2q_ds2 / (2 * half_blend * ramp) if ramp else zero
         # q″ rises, stays constant, and falls, each in one part of the blend.
         parts = ((zero, d3q_ds3, ramp), (max_d2q_ds2, zero, 1 - 2 * ramp), (max_d2q_ds2, -d3q_ds3, ramp))
-        blend, spans = list[FloatArray](), list[float]()
-        q, dq_ds = corner - half * first, first
+        blend, blend_lengths = list[FloatArray](), list[float]()
+        q, dq_ds = corner - half_blend * first, first
         for d2q_ds2, d3q_ds3, part in parts:
             if part > 0:
-                span = 2 * half * part
-                blend.append(np.array([q, span * dq_ds, span**2 / 2 * d2q_ds2, span**3 / 6 * d3q_ds3]))
-                spans.append(span)
-                q, dq_ds = blend[-1].sum(axis=0), dq_ds + span * (d2q_ds2 + span * d3q_ds3 / 2)
-        if all(is_free(piece, proof) for piece in blend):
-            return blend, spans
+                length = 2 * half_blend * part
+                blend.append(np.array([q, length * dq_ds, length**2 / 2 * d2q_ds2, length**3 / 6 * d3q_ds3]))
+                blend_lengths.append(length)
+                q, dq_ds = blend[-1].sum(axis=0), dq_ds + length * (d2q_ds2 + length * d3q_ds3 / 2)
+        if all(is_free(piece, prover) for piece in blend):
+            return blend, blend_lengths
     return [], []
 
 
-def is_free(piece: FloatArray, proof: MotionProver) -> bool:
+def is_free(piece: FloatArray, prover: MotionProver) -> bool:
     """Return whether a polynomial piece (d + 1, n) is proven collision free. Straight pieces are checked as edges."""
     if not piece[2:].any():
-        return proof.is_free(piece[0], piece[0] + piece[1])
-    return proof.check_curve(piece).verdict is Verdict.FREE
+        return prover.is_free(piece[0], piece[0] + piece[1])
+    return prover.check_curve(piece).verdict is Verdict.FREE
 
 
-def first_unproven(motion: Motion, proof: MotionProver) -> int | None:
+def first_unproven(motion: Motion, prover: MotionProver) -> int | None:
     """Return the index of the first piece of a path that is not proven free, or None if all pieces are proven."""
-    return next((k for k, piece in enumerate(motion.coefficients) if not is_free(piece, proof)), None)
+    return next((k for k, piece in enumerate(motion.coefficients) if not is_free(piece, prover)), None)
 
 
 def _ramp(change: FloatArray, length: float, limits: RateLimits | None) -> float:
-    """Return the share of a blend in which q″ rises.
+    """Return the share of a blend of this length in which q″ rises; q″ falls in an equal share.
 
-    At the speed at which the blend uses the full acceleration limit, the jerk stays within its limit.
+    The share is the smallest, but at most 0.5, with which the jerk stays within `CURVE_JERK_SHARE` of its limit at the
+    speed at which the blend uses the full acceleration. `change: (n,)` are the absolute differences of the unit
+    tangents. With the length L and the share r, q″ is at most change/(L (1 − r)), and q‴ at most
+    change/(L² r (1 − r)). So the squared speed is acceleration·L (1 − r), and the jerk is within its limit if
+    r² ≥ c² (1 − r), c = acceleration^1.5/(jerk·√L). Here `acceleration` and `jerk` are the smallest quotients of a
+    limit and `change`.
     """
     if limits is None or limits.jerk is None:
         return 0.0

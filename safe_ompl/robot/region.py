@@ -19,7 +19,9 @@ Bounds: TypeAlias = tuple[float, float]
 """Lower and upper bound; equal for a fixed value."""
 
 _ANGLES = ("roll", "pitch", "yaw")
-_ORIGIN = (0.0, 0.0)
+# Bounds of a coordinate that is not given.
+_FIXED_AT_ZERO = (0.0, 0.0)
+# Bounds of roll, pitch and yaw that are not given.
 _FREE = (-np.pi, np.pi), (-np.pi / 2, np.pi / 2), (-np.pi, np.pi)
 # The coordinate descent to the nearest orientation sweeps over the three angles at most this often.
 _SWEEPS = 100
@@ -100,8 +102,8 @@ class GoalRegion(Section):
             raise InputError(f"must be in [−π/2, π/2], got [{low:g}, {high:g}]", "pitch")
 
     @property
-    def turns(self) -> bool:
-        """Whether the region bounds the orientation."""
+    def bounds_orientation(self) -> bool:
+        """Whether the region bounds the orientation of the tip."""
         return any(getattr(self, key) is not None for key in _ANGLES)
 
     def nearest(self, pose: pin.SE3) -> tuple[FloatArray, FloatArray | None]:
@@ -111,9 +113,9 @@ class GoalRegion(Section):
         pose.
         """
         frame = self.frame.se3
-        here = frame.rotation.T @ (pose.translation - frame.translation)
-        position: FloatArray = frame.rotation @ self._nearest_position(here) + frame.translation
-        if not self.turns:
+        local = frame.rotation.T @ (pose.translation - frame.translation)
+        position: FloatArray = frame.rotation @ self._nearest_position(local) + frame.translation
+        if not self.bounds_orientation:
             return position, None
         rotation: FloatArray = frame.rotation @ _nearest_rotation(frame.rotation.T @ pose.rotation, self._angles)
         return position, rotation
@@ -138,14 +140,14 @@ class GoalRegion(Section):
         """
         frame = self.frame.se3
         if self.radius is None:
-            here = rng.uniform(*np.transpose(self._coordinates))
+            local = rng.uniform(*np.transpose(self._coordinates))
         else:
             radius = np.sqrt(rng.uniform(*np.square(self.radius)))
-            around = rng.uniform(-np.pi, np.pi)
+            angle = rng.uniform(-np.pi, np.pi)
             height = rng.uniform(*self._coordinates[2])
-            here = np.array([radius * np.cos(around), radius * np.sin(around), height])
-        position: FloatArray = frame.rotation @ here + frame.translation
-        if not self.turns:
+            local = np.array([radius * np.cos(angle), radius * np.sin(angle), height])
+        position: FloatArray = frame.rotation @ local + frame.translation
+        if not self.bounds_orientation:
             return position, None
         angles = rng.uniform(*np.transpose(self._angles))
         return position, frame.rotation @ pin.rpy.rpyToMatrix(angles)
@@ -153,21 +155,21 @@ class GoalRegion(Section):
     @property
     def _coordinates(self) -> tuple[Bounds, Bounds, Bounds]:
         """Bounds of x, y and z [m]."""
-        return self.x or _ORIGIN, self.y or _ORIGIN, self.z or _ORIGIN
+        return self.x or _FIXED_AT_ZERO, self.y or _FIXED_AT_ZERO, self.z or _FIXED_AT_ZERO
 
     @property
     def _angles(self) -> tuple[Bounds, Bounds, Bounds]:
         """Bounds of roll, pitch and yaw [rad]."""
         return self.roll or _FREE[0], self.pitch or _FREE[1], self.yaw or _FREE[2]
 
-    def _nearest_position(self, here: FloatArray) -> FloatArray:
-        """Project a position (3,) onto the region; both positions are in the frame of the region."""
+    def _nearest_position(self, local: FloatArray) -> FloatArray:
+        """Project a position `local: (3,)` onto the region; both positions are in the frame of the region."""
         low, high = np.transpose(self._coordinates)
         if self.radius is None:
-            return np.clip(here, low, high)
-        length = hypot(here[0], here[1])
-        outward = here[:2] / length if length > 0 else np.array([1.0, 0.0])
-        return np.array([*np.clip(length, *self.radius) * outward, np.clip(here[2], low[2], high[2])])
+            return np.clip(local, low, high)
+        length = hypot(local[0], local[1])
+        outward = local[:2] / length if length > 0 else np.array([1.0, 0.0])
+        return np.array([*np.clip(length, *self.radius) * outward, np.clip(local[2], low[2], high[2])])
 
 
 class RegionTarget(TargetPose):
@@ -194,9 +196,10 @@ def _nearest_rotation(rotation: FloatArray, bounds: tuple[Bounds, Bounds, Bounds
     """Return the rotation (3, 3) with roll, pitch and yaw within `bounds` that has the least angle to `rotation`."""
     lower, upper = np.transpose(bounds)
     roll, pitch, yaw = pin.rpy.matrixToRpy(rotation)
-    written = np.array([[roll, pitch, yaw], [roll + np.pi, np.pi - pitch, yaw + np.pi]])
-    begins = _brought_within(written, lower, upper)
-    if np.abs(np.sin((begins[0] - written[0]) / 2)).max() < _SETTLED:
+    # The two triples of roll, pitch and yaw of this rotation.
+    equal_angles = np.array([[roll, pitch, yaw], [roll + np.pi, np.pi - pitch, yaw + np.pi]])
+    begins = _brought_within(equal_angles, lower, upper)
+    if np.abs(np.sin((begins[0] - equal_angles[0]) / 2)).max() < _SETTLED:
         # The rotation is inside the bounds.
         return rotation
     # Coordinate descent can end in a local minimum at a corner of the bounds. So it starts from all corners, the
@@ -204,7 +207,7 @@ def _nearest_rotation(rotation: FloatArray, bounds: tuple[Bounds, Bounds, Bounds
     corners = np.stack(np.meshgrid(*bounds), axis=-1).reshape(-1, 3)
     begins = np.unique(np.vstack([begins, (lower + upper) / 2, corners]), axis=0)
     roll, pitch, yaw = _descended(rotation, begins, lower, upper).T
-    found = _turns(2, yaw) @ _turns(1, pitch) @ _turns(0, roll)
+    found = _rotations_about(2, yaw) @ _rotations_about(1, pitch) @ _rotations_about(0, roll)
     return np.asarray(found[np.einsum("sij,ij->s", found, rotation).argmax()])
 
 
@@ -214,32 +217,33 @@ def _descended(rotation: FloatArray, angles: FloatArray, lower: FloatArray, uppe
     The angle between R and A·R_k(θ)·B is smallest where tr(B Rᵀ A R_k(θ)) = a cos θ + b sin θ + c is largest, that is,
     at θ = atan2(b, a).
     """
-    (choice,) = np.nonzero(lower < upper)
+    # Indices of the angles that are not fixed.
+    (free_axes,) = np.nonzero(lower < upper)
     angles = angles.copy()
     for _ in range(_SWEEPS):
         before = angles.copy()
-        for k in choice:
-            turns = [_turns(axis, angles[:, axis]) for axis in range(3)]
-            left = (turns[2] @ turns[1], turns[2], np.eye(3))[k]
-            right = (np.eye(3), turns[0], turns[1] @ turns[0])[k]
-            around = right @ rotation.T @ left
+        for k in free_axes:
+            Rx, Ry, Rz = (_rotations_about(axis, angles[:, axis]) for axis in range(3))
+            A = (Rz @ Ry, Rz, np.eye(3))[k]
+            B = (np.eye(3), Rx, Ry @ Rx)[k]
+            BRA = B @ rotation.T @ A
             i, j = (k + 1) % 3, (k + 2) % 3
-            best = np.arctan2(around[:, i, j] - around[:, j, i], around[:, i, i] + around[:, j, j])
+            best = np.arctan2(BRA[:, i, j] - BRA[:, j, i], BRA[:, i, i] + BRA[:, j, j])
             angles[:, k] = _brought_within(best, lower[k], upper[k])
-        if len(choice) < 2 or np.abs(angles - before).max() < _SETTLED:
+        if len(free_axes) < 2 or np.abs(angles - before).max() < _SETTLED:
             break
     return angles
 
 
-def _turns(axis: int, angles: FloatArray) -> FloatArray:
+def _rotations_about(axis: int, angles: FloatArray) -> FloatArray:
     """Return the rotation matrices (S, 3, 3) by angles (S,) [rad] about the x, y or z axis."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
-    turns = np.zeros((len(angles), 3, 3))
-    turns[:, axis, axis] = 1.0
-    turns[:, i, i] = turns[:, j, j] = np.cos(angles)
-    turns[:, j, i] = np.sin(angles)
-    turns[:, i, j] = -turns[:, j, i]
-    return turns
+    rotations = np.zeros((len(angles), 3, 3))
+    rotations[:, axis, axis] = 1.0
+    rotations[:, i, i] = rotations[:, j, j] = np.cos(angles)
+    rotations[:, j, i] = np.sin(angles)
+    rotations[:, i, j] = -rotations[:, j, i]
+    return rotations
 
 
 def _brought_within(angles: FloatArray, lower: Any, upper: Any) -> FloatArray:

@@ -64,7 +64,8 @@ class CorridorProof:
     proven : bool
         The tip is in the corridor at all times.
     position, angle : float
-        If proven: upper bounds of the deviations. Else: the largest deviations that were sampled [m, rad].
+        If proven: upper bounds of the deviations [m, rad]. Else: the largest deviations at the ends of the intervals
+        that were undecided last, with the margins for errors.
     at : float or None
         Curve parameter [m] at which the tip is outside or the proof failed; None if proven.
     outside : bool
@@ -85,12 +86,17 @@ class CorridorProof:
 def prove_corridor(motion: Motion, robot: Robot, path: ToolPath, corridor: Corridor) -> CorridorProof:
     """Prove that the tip stays in a corridor about a curve at all times of a motion.
 
-    p(s) is the tip's position and c(s) the curve. R_i is the largest distance of the tip from the axis of joint i. On
-    an interval of length h of a polynomial motion ‖p″‖ ≤ A = Σ R_i |q″_i| + Σ R_ij |q′_i||q′_j|. R_ij is R of the more
-    distal joint of i and j, or 0 if the more proximal joint is prismatic. The error of linear interpolation of p − c is
-    at most (A + ‖c″‖) h²/8. The norm of the interpolant is convex, so its maximum is at an end of the interval. For
-    orientations, each parameter is at most h/2 from an end. The angle and its rate are computed at the end, and the
-    rate changes by at most h/2 times the bound of its derivative.
+    p(s) is the tip's position and c(s) the curve. R_i is the largest distance of the tip from the axis of joint i if
+    the joint is revolute, and 1 if it is prismatic. On an interval of length h of a polynomial motion
+    ‖p″‖ ≤ A = Σ R_i |q″_i| + Σ R_ij |q′_i||q′_j|. R_ij is R of the more distal joint of i and j, or 0 if the more
+    proximal joint is prismatic. The error of linear interpolation of p − c is at most (A + ‖c″‖) h²/8. The norm of the
+    interpolant is convex, so its maximum is at an end of the interval.
+
+    For orientations, each parameter is at most h/2 from the nearer end of the interval. So the angle is at most its
+    value at this end, plus h/2 times its rate there, plus h²/8 times a bound of the derivative of the rate. With the
+    angular velocities ω of the tip and ω_c of the curve, this bound is Σ |q″_i| + Σ |q′_i||q′_j| + ‖ω_c′‖. The sums are
+    over the revolute joints and over the pairs of revolute joints. With a free axis, the rate is the norm of the part
+    of ω − ω_c perpendicular to the axis. The axis rotates with ω, which adds Σ |q′_i| (Σ |q′_i| + ‖ω_c‖) to the bound.
 
     Parameters
     ----------
@@ -106,68 +112,78 @@ def prove_corridor(motion: Motion, robot: Robot, path: ToolPath, corridor: Corri
 
 
 class _Proof:
-    """The proof for one motion. Arrays `first` and `last` (I,) of curve parameters [m] are the intervals."""
+    """The proof for one motion.
+
+    Intervals are given by their begins and their ends, arrays `begins` and `ends` (I,) of curve parameters [m].
+    """
 
     def __init__(self, motion: Motion, tip: Tip, path: ToolPath, corridor: Corridor) -> None:
         self._motion, self._tip, self._path, self._corridor = motion, tip, path, corridor
-        order, robot = tip.order, tip.robot
-        self._order, self._robot = order, robot
-        radii, slides = robot.bounds.tip_radii[order], robot.joint_prismatic[order]
-        distal = np.maximum(np.arange(len(order))[:, None], np.arange(len(order)))
-        proximal = np.minimum(np.arange(len(order))[:, None], np.arange(len(order)))
-        self._radii, self._turns = radii, ~slides
-        self._pairs = np.where(slides[proximal], 0.0, radii[distal])
-        both = self._turns[:, None] & self._turns
-        # The sum over i and j counts each pair twice.
-        self._turn_pairs = 0.5 * (both & ~np.eye(len(order), dtype=bool))
-        allowance = robot.coupling.reach(motion.allowance)[:, order]
-        self._slack = allowance @ radii + _KINEMATICS_ROUNDING, allowance @ self._turns + _KINEMATICS_ROUNDING
+        # Indices of the joints that move the tip, from the base to the tip.
+        tip_joints, robot = tip.order, tip.robot
+        self._tip_joints, self._robot = tip_joints, robot
+        radii, slides = robot.bounds.tip_radii[tip_joints], robot.joint_prismatic[tip_joints]
+        distal = np.maximum(np.arange(len(tip_joints))[:, None], np.arange(len(tip_joints)))
+        proximal = np.minimum(np.arange(len(tip_joints))[:, None], np.arange(len(tip_joints)))
+        self._radii, self._revolute = radii, ~slides
+        self._pair_radii = np.where(slides[proximal], 0.0, radii[distal])
+        both = self._revolute[:, None] & self._revolute
+        # The bound of the angular acceleration needs each pair of revolute joints once, but the sum over i and j has
+        # each pair twice.
+        self._revolute_pairs = 0.5 * (both & ~np.eye(len(tip_joints), dtype=bool))
+        # `coupling.reach` converts bounds of the planned joints to bounds of all joints of the model.
+        allowance = robot.coupling.reach(motion.allowance)[:, tip_joints]
+        self._slack = allowance @ radii + _KINEMATICS_ROUNDING, allowance @ self._revolute + _KINEMATICS_ROUNDING
         self._derivatives = motion.derivative_coefficients(1), motion.derivative_coefficients(2)
 
     def result(self) -> CorridorProof:
         motion, path = self._motion, self._path
         cuts = np.union1d(motion.times, path.knots)
         cuts = cuts[(cuts >= motion.times[0]) & (cuts <= motion.times[-1])]
-        first, last = cuts[:-1], cuts[1:]
-        wide = last - first > 1e-12
-        first, last = first[wide], last[wide]
+        begins, ends = cuts[:-1], cuts[1:]
+        wide = ends - begins > 1e-12
+        begins, ends = begins[wide], ends[wide]
         floor = _LEAST_INTERVAL * float(np.diff(motion.times).min())
         position = angle = 0.0
-        while len(first):
-            ends, rates = self._ends(first, last)
-            worst = np.maximum(ends[0] - self._corridor.position, ends[1] - self._corridor.angle)
+        while len(begins):
+            end_deviations, rates = self._end_deviations(begins, ends)
+            worst = np.maximum(end_deviations[0] - self._corridor.position, end_deviations[1] - self._corridor.angle)
             if (worst > 0).any():
                 k = np.unravel_index(worst.argmax(), worst.shape)
-                at = float((first, last)[k[0]][k[1]])
-                return CorridorProof(False, float(ends[0].max()), float(ends[1].max()), at, outside=True)
-            apart, turned = self._bounds(first, last, ends, rates)
+                at = float((begins, ends)[k[0]][k[1]])
+                return CorridorProof(
+                    False, float(end_deviations[0].max()), float(end_deviations[1].max()), at, outside=True
+                )
+            apart, turned = self._bounds(begins, ends, end_deviations, rates)
             # The comparisons are negated so that an interval with NaN remains undecided.
             open_ = ~((apart <= self._corridor.position) & (turned <= self._corridor.angle))
             position = max(position, float(apart[~open_].max(initial=0.0)))
             angle = max(angle, float(turned[~open_].max(initial=0.0)))
-            first, last = first[open_], last[open_]
-            if len(first) and ((last - first).min() < floor or len(first) > _MOST_INTERVALS):
-                at = float(first[(last - first).argmin()])
-                return CorridorProof(False, float(ends[0].max()), float(ends[1].max()), at)
-            middle = (first + last) / 2
-            first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
+            begins, ends = begins[open_], ends[open_]
+            if len(begins) and ((ends - begins).min() < floor or len(begins) > _MOST_INTERVALS):
+                at = float(begins[(ends - begins).argmin()])
+                return CorridorProof(False, float(end_deviations[0].max()), float(end_deviations[1].max()), at)
+            middle = (begins + ends) / 2
+            begins, ends = np.concatenate([begins, middle]), np.concatenate([middle, ends])
         return CorridorProof(True, position, angle)
 
-    def _pieces(self, first: FloatArray, last: FloatArray) -> IntArray:
-        middle = (first + last) / 2
+    def _pieces(self, begins: FloatArray, ends: FloatArray) -> IntArray:
+        middle = (begins + ends) / 2
         return np.clip(np.searchsorted(self._motion.times, middle) - 1, 0, self._motion.pieces - 1)
 
-    def _ends(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _end_deviations(self, begins: FloatArray, ends: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return deviations and bounds of the rate of the angle at the ends of the intervals.
 
-        Deviations (2, 2, I) have the indices position or angle, first or last end, and interval; rates are (2, I).
+        Deviations (2, 2, I): axis 0 is position or angle, axis 1 is begin or end of the interval, axis 2 is the
+        interval. Rates (2, I): axis 0 is begin or end.
         """
-        piece = self._pieces(first, last)
+        piece = self._pieces(begins, ends)
         times, spans = self._motion.times, np.diff(self._motion.times)
-        deviations, rates = np.empty((2, 2, len(first))), np.empty((2, len(first)))
-        # The curve is evaluated slightly inside the interval, so that a corner counts with the interval's own segment.
-        inside = (last - first) * 1e-9
-        for k, s in enumerate((first, last)):
+        deviations, rates = np.empty((2, 2, len(begins))), np.empty((2, len(begins)))
+        # The curve is evaluated slightly inside the interval, so that at a corner the segment inside the
+        # interval is used.
+        inside = (ends - begins) * 1e-9
+        for k, s in enumerate((begins, ends)):
             u = ((s - times[piece]) / spans[piece])[:, None]
             Q, Qd = (polynomials.values(held[piece], u) for held in (self._motion.coefficients, self._derivatives[0]))
             state = self._tip.at(Q)
@@ -179,38 +195,41 @@ class _Proof:
             deviations[1, k] = np.linalg.norm(errors[:, 3:], axis=1) + inside * np.linalg.norm(frames.spins, axis=1)
             drift = np.einsum("bxn,bn->bx", state.jacobians[:, 3:], Qd) - frames.spins
             if self._tip.free_axis is not None:
-                own = state.rotations @ self._tip.free_axis
-                drift -= own * np.einsum("bx,bx->b", own, drift)[:, None]
+                axis = state.rotations @ self._tip.free_axis
+                drift -= axis * np.einsum("bx,bx->b", axis, drift)[:, None]
             rates[k] = np.linalg.norm(drift, axis=1)
         deviations[0] += self._slack[0][piece]
         deviations[1] = np.minimum(np.pi, deviations[1] + self._slack[1][piece])
         return deviations, rates
 
     def _bounds(
-        self, first: FloatArray, last: FloatArray, ends: FloatArray, rates: FloatArray
+        self, begins: FloatArray, ends: FloatArray, end_deviations: FloatArray, rates: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return upper bounds (I,) of the deviations of position [m] and angle [rad] on intervals."""
-        piece, h = self._pieces(first, last), last - first
+        piece, h = self._pieces(begins, ends), ends - begins
         times, spans = self._motion.times, np.diff(self._motion.times)
-        u = (first - times[piece]) / spans[piece], (last - times[piece]) / spans[piece]
+        u = (begins - times[piece]) / spans[piece], (ends - times[piece]) / spans[piece]
         # The factor and the summand cover rounding errors of the Bernstein coefficients.
         speed, joint_acceleration = (
             np.abs(polynomials.bernstein(polynomials.restricted(held[piece], *u))).max(axis=1) * (1 + 1e-9) + 1e-12
             for held in self._derivatives
         )
-        reach = self._robot.coupling.reach
-        speed, joint_acceleration = reach(speed)[:, self._order], reach(joint_acceleration)[:, self._order]
-        curvature, angular_acceleration = self._path.second_derivative_bounds(first, last)
-        acceleration = joint_acceleration @ self._radii + np.einsum("bi,ij,bj->b", speed, self._pairs, speed)
-        apart = ends[0].max(axis=0) + (acceleration + curvature) * h**2 / 8
-        turning = speed @ self._turns
-        change = joint_acceleration @ self._turns + np.einsum("bi,ij,bj->b", speed, self._turn_pairs, speed)
-        change += angular_acceleration
+        bounds_of_model_joints = self._robot.coupling.reach
+        speed = bounds_of_model_joints(speed)[:, self._tip_joints]
+        joint_acceleration = bounds_of_model_joints(joint_acceleration)[:, self._tip_joints]
+        curvature, curve_angular_acceleration = self._path.second_derivative_bounds(begins, ends)
+        acceleration = joint_acceleration @ self._radii + np.einsum("bi,ij,bj->b", speed, self._pair_radii, speed)
+        apart = end_deviations[0].max(axis=0) + (acceleration + curvature) * h**2 / 8
+        angular_speed = speed @ self._revolute
+        angular_acceleration_bound = joint_acceleration @ self._revolute + np.einsum(
+            "bi,ij,bj->b", speed, self._revolute_pairs, speed
+        )
+        angular_acceleration_bound += curve_angular_acceleration
         if self._tip.free_axis is not None:
-            spin = (
-                np.maximum(*(np.linalg.norm(self._path.at(s).spins, axis=1) for s in (first, last)))
-                + angular_acceleration * h
+            curve_angular_speed = (
+                np.maximum(*(np.linalg.norm(self._path.at(s).spins, axis=1) for s in (begins, ends)))
+                + curve_angular_acceleration * h
             )
-            change += turning * (turning + spin)
-        turned = (ends[1] + h / 2 * rates).max(axis=0) + change * h**2 / 8
+            angular_acceleration_bound += angular_speed * (angular_speed + curve_angular_speed)
+        turned = (end_deviations[1] + h / 2 * rates).max(axis=0) + angular_acceleration_bound * h**2 / 8
         return apart, np.minimum(np.pi, turned)
