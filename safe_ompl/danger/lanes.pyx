@@ -465,8 +465,9 @@ cdef void _jacobian_transpose_product(
 cdef void _log1p_each(double *x, double *mantissa, double *power, Py_ssize_t count) noexcept nogil:
     """Replace the first `count` entries of `x` by log(1 + x), in loops that compilers vectorize. 0 ≤ x < ∞ is required.
 
-    With 1 + x = 2ᵏ(1 + f), √½ ≤ 1 + f < √2, and s = f/(2 + f) it is k log 2 + 2 atanh s, for which a polynomial in s²
-    is accurate to rounding (fdlibm's `e_log.c`). For k = 0, f is x, so small x keep their relative accuracy.
+    With 1 + x = 2ᵏ(1 + f), √½ ≤ 1 + f < √2, and s = f/(2 + f), the logarithm is k log 2 + 2 atanh s. For atanh a
+    polynomial in s² is accurate to rounding (fdlibm's `e_log.c`). For k = 0, f is x, so small x keep their relative
+    accuracy.
     """
     cdef Py_ssize_t j
     cdef int64_t *bits = <int64_t *> mantissa
