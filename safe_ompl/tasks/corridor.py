@@ -65,7 +65,7 @@ class CorridorProof:
         The tip is in the corridor at all times.
     position, angle : float
         If proven: upper bounds of the deviations [m, rad]. Else: the largest deviations at the ends of the intervals
-        that were undecided last, with the margins for errors.
+        that were checked last, with the margins for errors.
     at : float or None
         Curve parameter [m] at which the tip is outside or the proof failed; None if proven.
     outside : bool
