@@ -230,9 +230,9 @@ def of_all(found: Found) -> str:
 
 
 def soundness(found: Found) -> str:
-    """Return the table of verdicts that were looked at."""
+    """Return the table of tested verdicts."""
     rows = [row for name in listed() for row in found.get(name, {}).get("counted", ())]
-    return markdown_table(("looked at", "number", "false", "undecided"), rows) if rows else NOTHING
+    return markdown_table(("verdicts", "number", "false", "undecided"), rows) if rows else NOTHING
 
 
 def robots(content: Content) -> str:
