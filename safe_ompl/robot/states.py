@@ -253,9 +253,10 @@ def _coordinates(space: Any, state: Any) -> Iterator[float]:
 class OwnState:
     """A state of a space. The state is reused when no other reference to it is left."""
 
+    # Ctrl-C may end the constructor before there is a state, and `__del__` is called all the same.
+    state: Any = None
+
     def __init__(self, bridge: StateBridge) -> None:
-        # Ctrl-C may end this before there is a state, and `__del__` is called all the same.
-        self.state: Any = None
         unused = self._unused = _UNUSED[_structure(bridge.space)]
         try:
             self.state = unused.pop()

@@ -172,13 +172,13 @@ def test_in_a_tube_people_are_nearer_by_what_the_joints_may_be_off(panda):
     path = np.array([start, start * [-1, 1, 1, 1, 1, 1, 1]])
     motion = MotionProver(CollisionChecker(panda, scene))
     tube = Separation(tube=(0.01,) * 7)
-    swing = tube.swing(motion.checker)
-    assert 0.005 < swing < 0.06
+    displacement = tube.tube_displacement(motion.checker)
+    assert 0.005 < displacement < 0.06
     timed = {
         clearance: time_path(path, panda, motion=proof, people=People(speed=1.2, clearance=clearance))
-        for clearance, proof in ((0.0, replace(motion, separation=tube)), (swing, motion), (1e-6, motion))
+        for clearance, proof in ((0.0, replace(motion, separation=tube)), (displacement, motion), (1e-6, motion))
     }
-    assert timed[0.0].duration == timed[swing].duration > timed[1e-6].duration
+    assert timed[0.0].duration == timed[displacement].duration > timed[1e-6].duration
     with pytest.raises(InputError, match="velocities"):
         time_path(path, panda, motion=replace(motion, separation=tube), tool_speed=0.5)
 
