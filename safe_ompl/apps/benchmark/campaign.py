@@ -287,7 +287,9 @@ class Summary:
     def percentile(self, metric: str, percent: float = 50) -> float:
         """Return a percentile of a metric over the solved runs, by default the median; NaN if there are none."""
         values = self.metrics[metric]
-        return float(np.percentile(values, percent)) if len(values) else float("nan")
+        # Without obstacles clearances are infinite, and NumPy subtracts them.
+        with np.errstate(invalid="ignore"):
+            return float(np.percentile(values, percent)) if len(values) else float("nan")
 
     def spread(self, metric: str) -> float:
         """Return the width of the 15–85 % band of a metric over the seeds; inf for less than two solved runs."""
