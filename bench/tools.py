@@ -148,6 +148,7 @@ def _wandering(kind: str, robot: Robot, rng: np.random.Generator) -> tuple[ToolP
         "spline": lambda: ToolPath.spline([pose, middle, end]),
     }[kind]()
     tip, at = Tip(robot, None), np.unique([*np.linspace(0.0, path.length, 25), *path.knots])
+    at = at[np.diff(at, prepend=-np.inf) > 1e-6]  # knots that two computations round apart
     frames, Q = path.at(at), [start]
     for k in range(1, len(at)):
         # A pose that cannot be reached is left aside: the motion only has to be one, not a good one.
