@@ -44,6 +44,8 @@ ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "docs" / "measured"
 PACKAGES = ("ompl", "pin", "coal", "numpy", "scipy", "mujoco", "toppra", "ruckig", "pin-pink", "roboplan")
 CODE = ("safe_ompl/*.py", "safe_ompl/*.pyx", "safe_ompl/*.pxd", "bench/*.py", "bench/*.json", "setup.py")
+# Of each bench the page shows so many tables, and so many of their last rows. The files have all of them.
+MOST_TABLES, MOST_ROWS = 2, 3
 NOT_MEASURED = "bench/all.py", "bench/pages.py"  # what they write is made of files
 MEASURE = re.compile(r"<!-- measure: (\w+), (\d+) min, (alone|two at a time): (.*) -->")
 BLOCK = re.compile(r"(<!-- (?:bench|measure): ([\w ]+)(?:,[^>]*)? -->(\n*)).*?<!-- end -->", re.DOTALL)
@@ -206,14 +208,16 @@ def section(content: Content | None, command: str) -> str:
         return f"`{command}`\n\n{NOTHING}"
     head = f"`{content['command']}`, {content['seconds']} s{', **failed**' if content['failed'] else ''}"
     figures = "; ".join(f"{name}: {said(value)}" for name, value in content["figures"].items())
-    return "\n\n".join(part for part in (head, figures, tables(content)) if part)
+    # What was counted is in the table of tested verdicts.
+    shown = "" if content.get("counted") else tables(content, MOST_TABLES, MOST_ROWS)
+    return "\n\n".join(part for part in (head, figures, shown) if part)
 
 
-def tables(content: Content) -> str:
-    """Return the tables of a file: of those with rows on all, only these."""
+def tables(content: Content, most: int | None = None, last: int = 0) -> str:
+    """Return the first tables of a file with their `last` rows (0: all rows); of those with rows on all, only these."""
     parts = []
-    for table in content["tables"]:
-        rows = [row for row in table["rows"] if str(row[0]).startswith("all")] or table["rows"]
+    for table in content["tables"][:most]:
+        rows = [row for row in table["rows"] if str(row[0]).startswith("all")] or table["rows"][-last:]
         parts += [table["title"], markdown_table(table["header"], rows)]
     return "\n\n".join(part for part in parts if part)
 

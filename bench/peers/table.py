@@ -57,16 +57,15 @@ def comparison(runs: dict[str, list[Run]]) -> Table:
 
 
 def compact(table: dict[str, Any]) -> Table:
-    """Return header and rows of a shorter table: a row for each system, with its paths before and after our repair."""
+    """Return header and rows of a shorter table: the first setting of each system, before and after our repair."""
     rows = {row["system"]: row for row in _named(table)}
+    first = {name.split(",")[0]: name for name in reversed(rows) if not name.endswith(WITH_OURS)}
     cells = []
-    for name, row in rows.items():
-        if not name.endswith(WITH_OURS):
-            after = rows.get(f"{name}{WITH_OURS}", {"solved": "–", "contacts": "–", "total [ms]": "–"})
-            own = (row[key] for key in ("solved", "contacts", "total [ms]", "mean clearance [mm]", "mean danger"))
-            cells.append((name, *own, *(after[key] for key in ("solved", "contacts", "total [ms]"))))
-    header = ("planner", "solved", "contacts", "time [ms]", "mean clearance [mm]", "mean danger")
-    return (*header, "proven or repaired", "contacts then", "time then [ms]"), cells
+    for name in reversed(first.values()):
+        own, after = rows[name], rows.get(f"{name}{WITH_OURS}", {"total [ms]": "–"})
+        contacts = f"{own['contacts']} of {own['solved'].split('/')[0]}"
+        cells.append((name, contacts, own["total [ms]"], own["mean danger"], after["total [ms]"]))
+    return ("planner", "contacts", "time [ms]", "mean danger", "time then [ms]"), cells
 
 
 def _named(table: dict[str, Any]) -> list[dict[str, Any]]:
