@@ -865,19 +865,28 @@ cdef HingeTerms hinge_terms(
     Raises InputError unless near pairs are of B configurations and of pairs that joints of the robot carry.
     """
     cdef HingeTerms terms
-    cdef Py_ssize_t c
     if near.shape[1] != 10 or hinges.shape[1] != 2:
         raise InputError("near pairs must have 10 columns, and hinges 2")
-    for c in range(near.shape[0]):
-        if not (0 <= near[c, 0] < B and 0 <= near[c, 1] < carriers.shape[0]):
-            raise InputError(f"near pair {c} is of a configuration or a pair that there is not")
-        if not 0 <= carriers[<Py_ssize_t> near[c, 1]] <= joints.m:
-            raise InputError(f"pair {near[c, 1]:g} is carried by a joint that there is not")
+    _check_near(joints, B, carriers[:, None], near)
     terms.near_count, terms.hinge_count = near.shape[0], hinges.shape[0]
     terms.carriers = &carriers[0] if carriers.shape[0] else NULL
     terms.near = &near[0, 0] if near.shape[0] else NULL
     terms.hinges = &hinges[0, 0] if hinges.shape[0] else NULL
     return terms
+
+
+cdef int _check_near(
+    JointTable joints, Py_ssize_t B, const Py_ssize_t[:, :] carriers, const double[:, ::1] near
+) except -1:
+    """Raise InputError unless near pairs are of B configurations and of pairs that joints of the robot carry."""
+    cdef Py_ssize_t c, side
+    for c in range(near.shape[0]):
+        if not (0 <= near[c, 0] < B and 0 <= near[c, 1] < carriers.shape[0]):
+            raise InputError(f"near pair {c} is of a configuration or a pair that there is not")
+        for side in range(carriers.shape[1]):
+            if not 0 <= carriers[<Py_ssize_t> near[c, 1], side] <= joints.m:
+                raise InputError(f"pair {near[c, 1]:g} is carried by a joint that there is not")
+    return 0
 
 
 cdef void add_hinge_costs(
@@ -896,7 +905,6 @@ cdef void add_hinge_costs(
     cdef double *axis = frames + 12 * m
     cdef const double *p
     cdef const double *normal
-    cdef const double *frame
     cdef double place[3]
     for c in range(terms.near_count):
         p, normal = near + 10 * c + 3, near + 10 * c + 6
@@ -906,12 +914,9 @@ cdef void add_hinge_costs(
         if b != placed:
             place_joints(joints, m, values + m * b, frames, origin, axis)
             placed = b
+        _write_place(frames, m, i, p, place)
         distance = -near[10 * c + 9]
         for x in range(3):
-            place[x] = p[x]
-            if i >= 0:
-                frame = frames + 9 * i + 3 * x
-                place[x] = origin[3 * i + x] + frame[0] * p[0] + frame[1] * p[1] + frame[2] * p[2]
             distance += place[x] * normal[x]
         rate, curvature = 0.0, 0.0
         for h in range(terms.hinge_count):
@@ -926,6 +931,19 @@ cdef void add_hinge_costs(
             if vectors != NULL:
                 vectors[m * c + i] = sqrt(curvature) * slope
             i = joints[i].parent - 1
+
+
+cdef inline void _write_place(
+    const double *frames, Py_ssize_t m, Py_ssize_t joint, const double *p, double *place
+) noexcept nogil:
+    """Write the place in the world of a point p in the frame of a joint, of `frames: (15 m,)`; −1 is the world."""
+    cdef const double *frame
+    cdef Py_ssize_t x
+    for x in range(3):
+        place[x] = p[x]
+        if joint >= 0:
+            frame = frames + 9 * joint + 3 * x
+            place[x] = frames[9 * m + 3 * joint + x] + frame[0] * p[0] + frame[1] * p[1] + frame[2] * p[2]
 
 
 cdef inline double _slope(
@@ -950,20 +968,13 @@ def distance_gradients(
     `near: (C, 10)` is what `DistanceBounds.near` returns, of pairs whose bodies are carried by joints with Pinocchio's
     numbers, `carriers: (K, 2)`.
     """
-    cdef Py_ssize_t m = joints.m, B = values.shape[0], C = near.shape[0], c, i, x, side, placed = -1
-    cdef const double *p
+    cdef Py_ssize_t m = joints.m, C = near.shape[0], c, i, x, side, placed = -1
     cdef const double *normal
-    cdef const double *frame
     cdef double place[3]
     cdef double *frames
     if values.shape[1] != m or carriers.shape[1] != 2 or near.shape[1] != 10:
         raise InputError(f"values must have {m} columns, carriers 2, and near pairs 10")
-    for c in range(C):
-        if not (0 <= near[c, 0] < B and 0 <= near[c, 1] < carriers.shape[0]):
-            raise InputError(f"near pair {c} is of a configuration or a pair that there is not")
-        for side in range(2):
-            if not 0 <= carriers[<Py_ssize_t> near[c, 1], side] <= m:
-                raise InputError(f"pair {near[c, 1]:g} is carried by a joint that there is not")
+    _check_near(joints, values.shape[0], carriers, near)
     gradients = np.zeros((C, m))
     cdef double[:, ::1] gradient = gradients
     if not (C and m):
@@ -975,12 +986,8 @@ def distance_gradients(
         if <Py_ssize_t> near[c, 0] != placed:
             placed = <Py_ssize_t> near[c, 0]
             place_joints(joints.data, m, &values[placed, 0], frames, frames + 9 * m, frames + 12 * m)
-        p, normal, i = &near[c, 3], &near[c, 6], carriers[<Py_ssize_t> near[c, 1], 0] - 1
-        for x in range(3):
-            place[x] = p[x]
-            if i >= 0:
-                frame = frames + 9 * i + 3 * x
-                place[x] = frames[9 * m + 3 * i + x] + frame[0] * p[0] + frame[1] * p[1] + frame[2] * p[2]
+        normal = &near[c, 6]
+        _write_place(frames, m, carriers[<Py_ssize_t> near[c, 1], 0] - 1, &near[c, 3], place)
         # The second body's point is at the distance behind that of the first one.
         for side in range(2):
             i = carriers[<Py_ssize_t> near[c, 1], side] - 1

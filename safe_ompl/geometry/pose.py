@@ -33,6 +33,7 @@ POSE_KEYS = ("position", *_TURNS)
 
 # If the cosine of an angle is below this, the logarithm is taken from `pin.log3`: the sine alone would lose digits.
 _NEAR_HALF_TURN = -0.9
+_LAST_ROW = [0.0, 0.0, 0.0, 1.0]  # of a rigid transform
 # Angles this near to π count as half turns, which have two opposite rotation vectors of the same length.
 _HALF_TURN = 1e-10  # [rad]
 # At least one component of every unit vector is larger than this.
@@ -100,7 +101,7 @@ class Pose:
                 document.check_keys(value, POSE_KEYS)
                 return cls.from_mapping(value)
         if isinstance(value, pin.SE3):
-            rotation, position = value.rotation, value.translation
+            rotation, position, last_row = value.rotation, value.translation, _LAST_ROW
         elif not isinstance(value, (np.ndarray, list, tuple)):
             raise InputError(f"must be a Pose, a pin.SE3 or a 4×4 matrix, got {shown(value)}", key)
         elif np.ndim(value[0] if len(value) else 0) == 0:
@@ -108,13 +109,12 @@ class Pose:
                 return cls(document.numbers("position", value, 3))
         else:
             matrix = finite_array(value, (4, 4), key)
-            rotation, position = matrix[:3, :3], matrix[:3, 3]
-            if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-                raise InputError(f"must be a rigid transform, got {matrix.round(4).tolist()}", key)
+            rotation, position, last_row = matrix[:3, :3], matrix[:3, 3], matrix[3].tolist()
         quaternion = pin.Quaternion(rotation)
         quaternion.normalize()
-        if not np.abs(quaternion.toRotationMatrix() - rotation).max() <= _NORM_TOLERANCE:
-            matrix = np.column_stack([rotation, position])
+        apart = np.abs(quaternion.toRotationMatrix() - rotation).max()
+        if last_row != _LAST_ROW or not apart <= _NORM_TOLERANCE:
+            matrix = np.vstack([np.column_stack([rotation, position]), last_row])
             raise InputError(f"must be a rigid transform, got {matrix.round(4).tolist()}", key)
         return cls(tuple(position.tolist()), tuple(quaternion.coeffs().tolist()))
 

@@ -165,13 +165,16 @@ class _Starts:
 
         The start ends after the time `left` [s], or after so many collision queries once a path has been found.
         """
-        setup, begun, most = self._setup, self._setup.counts.queries, queries if self._solved else np.inf
+        setup = self._setup
+        limit: Any = max(left, _LEAST_TIME)
+        if self._solved and queries < np.inf:
+            stop, most = termination(limit), setup.counts.queries + queries
+            limit = ob.PlannerTerminationCondition(lambda: stop() or setup.counts.queries > most)
         if start:
             setup.clear()
             if isinstance(self._planner, SafePlanner):
                 self._planner.setSeed((self._seed + start) % 2**32)
-        stop = termination(max(left, _LEAST_TIME))
-        found = setup.solve(ob.PlannerTerminationCondition(lambda: stop() or setup.counts.queries - begun > most))
+        found = setup.solve(limit)
         self.nodes += nodes_of(self._planner)
         if not setup.haveExactSolutionPath():
             self.status = self.status if self._solved else found.asString()
