@@ -276,7 +276,10 @@ def widest_tube(
         Widths [rad or m]: every motion whose joint values differ by at most these widths is proven. Zeros if the motion
         itself is not proven.
 
-    Raises InputError as `check`, if the proportions are negative or all 0, or if the tolerance is not in (0, 1).
+    Raises
+    ------
+    InputError
+        As `check`, if the proportions are negative or all 0, or if the tolerance is not in (0, 1).
     """
     shape = np.ones(robot.n) if proportions is None else finite_array(proportions, (robot.n,), "proportions")
     if (shape < 0).any() or not shape.any():
@@ -368,8 +371,12 @@ def retime(motion: Any, robot: Robot, scene: Scene, limits: RateLimits | None = 
         Those of `time_path`: `people` limits the speed so that the robot is proven to stop in time; also `tolerance` of
         blends, `tool_speed`, `link_speed`, `danger` and `max_danger`.
 
-    Errors are those of `check` and `time_path`. Raises PlanningError with the index (from 0) of a way point if the way
-    point or the straight motion to the next one is not proven.
+    Raises
+    ------
+    PlanningError
+        With the index (from 0) of a way point, if the way point or the straight motion to the next one is not proven.
+    SafeOmplError
+        As `check` and `time_path`.
     """
     found = check(way_of(motion, robot), robot, scene)
     if not found:

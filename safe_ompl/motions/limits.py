@@ -93,8 +93,12 @@ class RateLimits:
             warning, because URDFs have no acceleration limits. Default jerk: that of the robot's `joint_limits`;
             without one the jerk is not limited. If the jerk is limited, it must be limited for all joints.
 
-        Raises InputError if the URDF has no velocity for a joint and none is given, or as the class; UnknownNameError
-        if there is no such joint.
+        Raises
+        ------
+        InputError
+            If the URDF has no velocity for a joint and none is given, or as the class.
+        UnknownNameError
+            If there is no such joint.
         """
         names, model = robot.joint_names, robot.shared.model
         planned = [model.joints[model.getJointId(name)].idx_v for name in names]

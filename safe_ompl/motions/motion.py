@@ -437,8 +437,10 @@ class Motion:
         names : sequence of str, optional
             The joints.
 
-        Raises InputError as the class, or if a point has accelerations but no velocities, which the controller does not
-        interpolate.
+        Raises
+        ------
+        InputError
+            As the class, or if a point has accelerations but no velocities, which the controller does not interpolate.
         """
         return cls._made(forms.hermite(times, positions, velocities, accelerations), names)
 
@@ -470,7 +472,10 @@ class Motion:
         space : ob.StateSpace or Robot, optional
             The state space of a `PathGeometric`, which does not store it, or the robot with its joints.
 
-        Raises InputError if the type is not supported, or as the class.
+        Raises
+        ------
+        InputError
+            If the type is not supported, or as the class.
         """
         kinds = {kind.__name__ for kind in type(thing).__mro__}
         if isinstance(thing, Motion):
