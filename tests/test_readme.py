@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 import re
 from difflib import ndiff
@@ -54,6 +55,15 @@ def test_the_table_names_all_commands_and_the_readme_planners_that_exist():
     named = re.findall(r"`((?:Safe|Classic|Bubble)(?!Setup)\w+)`", text)
     assert len(named) > 3
     assert set(named) <= set(planner_names())
+
+
+def test_no_measured_path_has_a_contact_after_proof_and_repair():
+    assert "after which no path has a contact" in " ".join(README.read_text(encoding="utf-8").split())
+    table = json.loads((ROOT / "docs" / "measured" / "peers.json").read_text(encoding="utf-8"))["tables"][0]
+    column = table["header"].index("contacts")
+    contacts = {row[0]: row[column] for row in table["rows"] if row[0].endswith(" + our proof and repair")}
+    assert {f"{row[0]} + our proof and repair" for row in table["rows"] if row[column]} <= set(contacts)
+    assert set(contacts.values()) == {0}
 
 
 def test_errors_reach_other_processes():

@@ -67,7 +67,7 @@ class MotionVerdict:
     verdict : Verdict
         FREE: proven for every configuration of the edge. BLOCKED: the configuration at `at` is in collision, nearer to
         an obstacle than allowed, too dangerous, or outside the joint limits. UNDECIDED: there is no proof near `at`,
-        although intervals are as short as the floor.
+        although no body moves by more than the floor of the prover in half of the interval.
     at : float or None
         Fraction of the edge in [0, 1] at which it is blocked or undecided.
     pair : tuple of str or None
@@ -111,8 +111,10 @@ class MotionProver:
     checker : CollisionChecker
         Answers the collision queries.
     floor : float
-        [m] > 0 Intervals in which the bodies move less than this are not divided. An edge with less clearance than
-        about half the floor stays undecided.
+        [m] > 0 An interval that is not proven is divided unless the distance of every pair changes by less than the
+        floor in half of the interval. Then the edge stays undecided. Apart from `limits`, this happens only if a
+        distance is less than the floor above the smallest one that can be proven (that of `separation`, plus the
+        errors of the queries).
     separation : Separation
         Distances that the robot must keep from obstacles. Default: the robot must not touch them.
     limits : sequence of MotionLimit

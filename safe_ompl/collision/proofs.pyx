@@ -439,8 +439,8 @@ cdef class DistanceBounds:
     def prove(self, curve, Required required not None, double floor):
         """Try to prove a motion of coefficients c_k (n,), q(t) = Σ_k c_k t^k, t in [0, 1].
 
-        What pairs must keep has `ALLOWANCE` in it. Intervals in whose halves the bodies move less than the floor [m]
-        are given up.
+        The required distances contain `ALLOWANCE`. The proof stops at an interval that is not proven if no body moves
+        by more than the floor [m] in half of it.
         """
         if not self.bounded:
             return _UNKNOWN

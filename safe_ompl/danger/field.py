@@ -138,8 +138,7 @@ class DangerField:
     def of_scene(cls, robot: Robot, scene: Scene, spacing: float | None = None, **options: Any) -> DangerField:
         """Return the field at the danger points of a scene (`Scene.danger_points`). `move` can move its points.
 
-        `spacing` is the distance between danger points [m], by default the scene's own. The options are those of the
-        class.
+        `spacing` [m] is as for `Scene.danger_points`. The options are those of the class.
         """
         field = cls(robot, *scene.danger_points(spacing)[:2], **options)
         field._scene = scene, spacing

@@ -48,7 +48,7 @@ class Scene(document.Section):
     obstacles : sequence of Obstacle, optional
         The obstacles, with different names.
     spacing : float, optional
-        Distance between danger points [m].
+        Largest distance [m] of surface points from danger points.
 
     Raises
     ------
@@ -250,9 +250,10 @@ class Scene(document.Section):
     def danger_points(self, spacing: float | None = None) -> tuple[FloatArray, FloatArray, IntArray]:
         """Sample the surfaces of all obstacles with danger weight above 0.
 
-        Returns the danger points (M, 3) in the world frame [m], `spacing` [m] apart (default: the spacing of the
-        scene), their danger weights (M,), and the indices (M,) of their obstacles in `obstacles`. Raises InputError if
-        the spacing is not positive or needs more than a million points, before any point is made.
+        Returns the danger points (M, 3) in the world frame [m], their danger weights (M,), and the indices (M,) of
+        their obstacles in `obstacles`. Each point of a surface or point cloud is within `spacing` [m] (default: the
+        spacing of the scene) of a danger point of its obstacle; neighbours may be nearer to each other than that.
+        Raises InputError if the spacing is not positive or needs more than a million points, before any point is made.
         """
         step = document.number("spacing", self.spacing if spacing is None else spacing, above=0.0)
         dangerous = [k for k, obstacle in enumerate(self.obstacles) if obstacle.weight > 0]

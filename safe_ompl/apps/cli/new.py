@@ -77,8 +77,8 @@ def add_commands(commands: Any) -> None:
         "write a first scenario for your own robot",
         "Write a scenario to begin with: your robot, a start and a goal on either side of a person, both free of "
         "collision, and the person so near that the straight path from start to goal passes them closely. One arm "
-        "moves: that of the first end effector or group of the SRDF, or else the one with the most joints; all other "
-        "joints are held. Then edit the scenario.",
+        "moves: that of the SRDF's end effector with the most joints above it, or, if no end effector has as many, "
+        "that of the link with the most joints above it. All other joints are held. Then edit the scenario.",
     )
     option(parser, "urdf URDF", "the robot's URDF")
     read = output.output_file(".yaml", ".yml")

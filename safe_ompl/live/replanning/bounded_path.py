@@ -100,14 +100,14 @@ class MotionMargin(NamedTuple):
     def description(self) -> str:
         """The person or object that is too near, the link, and the missing distance."""
         if self.link is None or self.who is None:
-            return "not everybody was seen yet"
+            return "not all people and moving objects have been observed"
         who, limb = self.who
         named = f"{limb} of {who!r}" if limb else repr(who)
         if self.rule == CLAMPING:
-            return f"{named} may be clamped by {self.link} at a speed that is not borne"
+            return f"{named} may be clamped by {self.link} above the allowed contact speed"
         if self.rule == CONTACT:
-            return f"{named} may touch {self.link} at a speed that is not borne"
-        return f"{named} may come to {self.link} before it stands ({1e3 * self.margin:.0f} mm)"
+            return f"{named} may touch {self.link} above the allowed contact speed"
+        return f"{named} may come {np.ceil(-1e3 * self.margin):.0f} mm too near to {self.link} before the robot stops"
 
 
 class Around(NamedTuple):

@@ -337,5 +337,5 @@ def _check_prover(prover: MotionProver, robot: Robot, still: Scene) -> None:
     if checker.robot.joint_names != robot.joint_names:
         raise InputError(f"is of the robot {checker.robot.name!r}, not of {robot.name!r}", "prover")
     for name in sorted(set(checker.scene.names) ^ set(still.names)):
-        where = "in its scene, but it moves" if name in checker.scene.names else "not in its scene"
-        raise InputError(f"{name!r} is {where}: give it the scene of what stands still", "prover")
+        fault = f"contains {name!r}, which moves" if name in checker.scene.names else f"lacks the obstacle {name!r}"
+        raise InputError(f"its scene {fault}: it must consist of all obstacles that do not move", "prover")

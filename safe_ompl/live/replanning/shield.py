@@ -366,7 +366,10 @@ def _explained(command: Command, way: _Way, s: float, tick: float) -> Command:
 
 
 def _blocked(verdict: MotionVerdict, when: str) -> str:
-    """Return a message that names the still obstacle, or the joint limit, that blocks a motion."""
-    first, second = verdict.pair or ("nothing", "proven free")
-    what = f"joint {first!r} leaves its limits" if second == "its limits" else f"{first} and {second}"
-    return f"not free of what stands still {when}: {what}"
+    """Return a message that names the pair in collision or the violated limit that blocks a motion."""
+    first, second = verdict.pair or ("", "")
+    if second == "its limits":
+        return f"joint {first!r} leaves its limits {when}"
+    if second == "its limit":
+        return f"the limit of {first} is not proven to hold {when}"
+    return f"not proven free of collision {when}{f': {first} and {second}' if first else ''}"

@@ -306,7 +306,9 @@ class LiveController:
             late, new = self._clock() - command.time, command.time >= self._now
             # The previous command still holds, and the next plan begins at its end.
             if new and late > 0:
-                self._halt(f"the answer came {1e3 * late:.0f} ms too late")
+                allowed = 1e3 * self.options.latency
+                taken = f"{1e3 * late + allowed:.0f} ms after its tick"
+                self._halt(f"the command was computed {taken}, and a latency of {allowed:.0f} ms is allowed")
                 return
             self._commands.append(command)
         self.command, self.commanded_by, self._why = command, self._pilot, command.reason

@@ -317,8 +317,9 @@ cdef class Growth:
         """Return a path as an elastic band (Quinlan 1994): contracted where that is as safe, and bent away from danger.
 
         It is contracted between its way points, and in further rounds between these and the middles of its motions,
-        too. Then the middle of motions longer than twice `reach` moves down the gradient of the danger, at right angles
-        to them, where both halves are free; so do the middles of the halves. Every new motion is proven.
+        too. Then the middle of motions longer than twice `reach` moves along the part of the danger's negative gradient
+        that is orthogonal to the motion, where both halves are free; so do the middles of the halves. Every new motion
+        is proven.
 
         Parameters
         ----------
@@ -581,9 +582,10 @@ cdef class Growth:
     # ------------------------------------------------------------------------------------------- what a step does
 
     cdef bint _descend(self, Nodes *tree, Py_ssize_t old, double most) except -1 nogil:
-        """Move the place of a new node by at most so much; return whether it is moved.
+        """Move the place of a new node sideways, down the danger; return whether the place moves.
 
-        It moves down the gradient of the danger at the old node, at right angles to the step, which is written over.
+        The direction is the part of the danger's negative gradient at the old node that is orthogonal to the step. The
+        length is at most `most`. The step in `moved` is overwritten by the new place.
         """
         cdef Py_ssize_t i, n = tree.n
         if not most > 0.0:

@@ -113,7 +113,7 @@ def test_cancel_new_goals_and_goals_that_are_not_free(client):
     down = [client.q[0], 1.7, *client.q[2:]]
     status, result = client.result(client.send(client.q, down))
     assert status == GoalStatus.STATUS_ABORTED
-    assert "not free of what stands still at " in result.error_string
+    assert "not proven free of collision at " in result.error_string
     status, _ = client.result(client.send(client.q, START))
     assert status == GoalStatus.STATUS_SUCCEEDED
 

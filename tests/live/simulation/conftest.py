@@ -22,7 +22,7 @@ from safe_ompl import (
     Tracker,
     time_path,
 )
-from safe_ompl.collision import Separation
+from safe_ompl.collision import Separation, ToolOrientation
 from safe_ompl.live import TrackedBody, find_skeleton
 from safe_ompl.live.replanning import Action, ReplanningOptions, SpeedLimits
 
@@ -65,13 +65,15 @@ def replanner_for(panda, table, tracker):
 def shield_for(panda, table):
     """Return a function that makes a shield beside a ball of 1.6 m/s.
 
-    It may have a tube [rad], limits of the jerk (7,), and a lag of the robot [s].
+    It may have a tube [rad], limits of the jerk (7,), a lag of the robot [s], and a largest tilt of the tool [rad].
     """
 
-    def make(tube=0.0, jerk=None, lag=0.0):
+    def make(tube=0.0, jerk=None, lag=0.0, tilt=None):
         limits = SpeedLimits(RateLimits.of(panda, acceleration=PANDA_ACCELERATIONS, jerk=jerk))
         checker = CollisionChecker(panda, table.without("ball"))
-        proof = MotionProver(checker, separation=Separation(tube=(tube,) * 7 if tube else ()))
+        axis = panda.tip_pose(HOME).rotation.T @ [0.0, 0.0, 1.0]
+        upright = () if tilt is None else [ToolOrientation(panda, axis, [0.0, 0.0, 1.0], tilt)]
+        proof = MotionProver(checker, separation=Separation(tube=(tube,) * 7 if tube else ()), limits=upright)
         around, options = Surroundings(table, objects={"ball": 1.6}), ReplanningOptions(limits=limits, lag=lag)
         shield = Shield(panda, around, options=options, prover=proof)
         shield.start(HOME)

@@ -59,8 +59,8 @@ def test_other_ways_keep_the_limits_of_the_motion(panda, table, to_and_fro, driv
         for t in np.linspace(command.time, command.time + 0.05, 4)
     )
     for around, without, message in (
-        (table, (), "'ball' is in its scene, but it moves"),
-        (scene, ("ball", "post"), "'post' is not in its scene"),
+        (table, (), "its scene contains 'ball', which moves"),
+        (scene, ("ball", "post"), "its scene lacks the obstacle 'post'"),
     ):
         prover = MotionProver(CollisionChecker(panda, around.without(*without)))
         with pytest.raises(InputError, match=f"prover: {message}"):

@@ -145,11 +145,16 @@ def test_a_chunk_that_cannot_be_used_ends_in_the_proven_stop(shield_for, why):
 
 
 @pytest.mark.parametrize(
-    ("way", "reason"), [(np.eye(7)[3], "joint 'panda_joint4' leaves its limits"), (np.eye(7)[1], "panda_.* and table")]
+    ("joint", "tilt", "reason"),
+    [
+        (3, None, "joint 'panda_joint4' leaves its limits before "),
+        (1, None, "not proven free of collision before .* s: panda_.* and table"),
+        (5, 0.5, "the limit of tool orientation is not proven to hold before "),
+    ],
 )
-def test_it_stops_on_the_path_before_what_stands_still(shield_for, way, reason):
-    motion = Motion.through([HOME, HOME + 3 * way], [0.0, 2.5])
-    commands, states = drive(shield_for(), once(motion), lambda t: FAR, 2.5)
+def test_it_stops_on_the_path_before_what_is_not_proven(shield_for, joint, tilt, reason):
+    motion = Motion.through([HOME, HOME + 3 * np.eye(7)[joint]], [0.0, 2.5])
+    commands, states = drive(shield_for(tilt=tilt), once(motion), lambda t: FAR, 2.5)
     assert commands[-1].action is Action.STANDING
     assert re.search(reason, commands[-1].reason)
     assert np.abs(states[-1, 0] - HOME).max() > 0.3
@@ -188,7 +193,7 @@ def test_a_velocity_that_could_not_be_driven_is_not_driven_later(shield_for):
         command = shield.command(0.05 * k)
         reasons.append(command.reason)
         assert command.action is Action.STANDING
-    assert "before it stands" in reasons[0]
+    assert re.fullmatch(r"'ball' may come [1-9]\d* mm too near to \w+ before the robot stops", reasons[0])
     assert set(reasons[1:]) == {"no new velocity was proposed"}
 
 
