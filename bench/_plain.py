@@ -131,7 +131,7 @@ class PlainGeometry:
                 return best
             moved = self._chains_of_pairs[now] @ (travelled[s + 1 : s + 1000] - travelled[s]).T
             room = apart - best[0] + (TOLERANCE if best[0] > TOLERANCE else 0.0)
-            due[now] = s + 1 + np.array([np.searchsorted(row, r) for row, r in zip(moved, room, strict=True)])
+            due[now] = s + 1 + np.count_nonzero(moved < room[:, None], axis=1)
 
 
 class Judge:

@@ -3,9 +3,9 @@
     python -m bench fresh --python python3.10 python3.13
 
 Each row clones the last commit into an empty folder and runs README's first command there: with each Python, without a
-compiler on the PATH, as an ordinary user, with a HOME that cannot be written, and from a wheel in an environment
-without a compiler. `--tests` runs README's second command with each Python, too. The ordinary user and the HOME need
-root. Downloads come from pip's index; no cache is used.
+compiler on the PATH, as an ordinary user, with a HOME that cannot be written, from an sdist, and from a wheel in an
+environment without a compiler. `--tests` runs README's second command with each Python and in the sdist, too. The
+ordinary user and the HOME need root. Downloads come from pip's index; no cache is used.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
+from typing import Literal
 
 from bench._harness import Report
 
@@ -42,7 +43,7 @@ class Machine:
     compiler: bool = True
     root: bool = True
     home: bool = True
-    wheel: bool = False
+    source: Literal["clone", "sdist", "wheel"] = "clone"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -59,14 +60,15 @@ def main(options: argparse.Namespace, report: Report) -> int:
         Machine("no compiler", compiler=False),
         Machine("ordinary user", SYSTEM_PYTHON, root=False),
         Machine("HOME that cannot be written", SYSTEM_PYTHON, root=False, home=False),
-        Machine("wheel, no compiler", compiler=False, wheel=True),
+        sdist := Machine("sdist", source="sdist"),
+        Machine("wheel, no compiler", compiler=False, source="wheel"),
     ]
     if os.getuid():
         others = [machine for machine in others if machine.root]
         print("the rows of another user are left out, because they need root", file=sys.stderr)
     rows = [[machine.name, "first", *seconds_of(machine, first)] for machine in (*usual, *others)]
     if options.tests:
-        rows += [[machine.name, "second", *seconds_of(machine, second)] for machine in usual]
+        rows += [[machine.name, "second", *seconds_of(machine, second)] for machine in (*usual, sdist)]
     report.table(("machine", "README's command", "s", "ends"), rows)
     return int(any(row[-1] != "well" for row in rows))
 
@@ -92,12 +94,15 @@ def seconds_of(machine: Machine, command: str) -> tuple[float, str]:
         home.mkdir()
         subprocess.run(["git", "clone", "--quiet", ROOT, clone], check=True)
         link_tools(machine, tools)
-        if machine.wheel:
-            wheel = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, clone]
-            subprocess.run(wheel, check=True)
+        if machine.source != "clone":
+            sdist, wheel = built(clone, folder / "build")
             shutil.rmtree(clone)
-            clone.mkdir()
-            command = command.replace("-e '.[", f"'{next(folder.glob('*.whl'))}[")
+            if machine.source == "sdist":
+                shutil.unpack_archive(sdist, folder / "unpacked", filter="data")
+                next((folder / "unpacked").iterdir()).rename(clone)
+            else:
+                clone.mkdir()
+                command = command.replace("-e '.[", f"'{wheel}[")
         if not machine.root:
             folder.chmod(0o755)
             shutil.chown(home, NOBODY, NOBODY)
@@ -118,6 +123,15 @@ def seconds_of(machine: Machine, command: str) -> tuple[float, str]:
         return round(seconds, 1), "well"
     lines = (ended.stderr or ended.stdout).strip().splitlines()
     return round(seconds, 1), f"status {ended.returncode}: {lines[-1] if lines else ''}"
+
+
+def built(clone: Path, folder: Path) -> tuple[Path, Path]:
+    """Return the sdist of a clone, and the wheel that is built from it."""
+    subprocess.run([sys.executable, "-m", "venv", folder], check=True)
+    subprocess.run([folder / "bin" / "pip", "install", "--quiet", "build"], check=True)
+    build = [folder / "bin" / "python", "-m", "build", "--outdir", folder, clone]
+    subprocess.run(build, check=True, stdout=subprocess.DEVNULL)
+    return next(folder.glob("*.tar.gz")), next(folder.glob("*.whl"))
 
 
 def link_tools(machine: Machine, tools: Path) -> None:
