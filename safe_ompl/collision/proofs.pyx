@@ -97,12 +97,13 @@ GROUP = np.dtype(
         ("radius", np.float64),
         # Where the balls about these obstacles begin.
         ("lane", np.intp),
-        # How many groups from here on are a run: of one body, and far away if the ball of the run is; and how many
-        # there are back to the first of a run, this one the last. Elsewhere both are 1.
-        ("on", np.intp),
-        ("back", np.intp),
-        ("around", np.float64, (3,)),
-        ("wide", np.float64),
+        # Consecutive groups of one body are a run, which is left out as a whole if the ball about it is far away. Its
+        # first group has the length of the run in `run_from_here`, its last group in `run_to_here`; elsewhere both are
+        # 1. Centre and radius are those of the ball about the run.
+        ("run_from_here", np.intp),
+        ("run_to_here", np.intp),
+        ("run_centre", np.float64, (3,)),
+        ("run_radius", np.float64),
     ],
     align=True,
 )
@@ -237,7 +238,7 @@ cdef class DistanceBounds:
                 end += 1
             group[count].begin, group[count].end = begin, end
             group[count].body, group[count].lane, group[count].radius = pairs[begin, 0], lanes, INFINITY
-            group[count].on = group[count].back = 1
+            group[count].run_from_here = group[count].run_to_here = 1
             if meets:
                 group[count].radius = _write_ball(
                     &centre[begin, 0], &radius[begin], end - begin, 3, 1, &group[count].centre[0]
@@ -268,10 +269,10 @@ cdef class DistanceBounds:
             &group[begin].centre[0], &group[begin].radius, end - begin, stride, stride, middle
         )
         for g in range(begin, end):
-            group[g].wide = wide
+            group[g].run_radius = wide
             for x in range(3):
-                group[g].around[x] = middle[x]
-        group[begin].on = group[end - 1].back = end - begin
+                group[g].run_centre[x] = middle[x]
+        group[begin].run_from_here = group[end - 1].run_to_here = end - begin
         return 0
 
     cdef Workspace workspace(self):
@@ -468,7 +469,7 @@ cdef class DistanceBounds:
                 &self.pairs, work, &first[0], &last[0], limits,
                 &required.distances[0] if self.pairs.count else NULL, required.most, floor,
             )
-        found = None if outcome.places == 0 and outcome.number < 0 else self._told(work, outcome)
+        found = None if outcome.places == 0 and outcome.number < 0 else self._result(work, outcome)
         self._free.append(work)
         return found
 
@@ -486,11 +487,11 @@ cdef class DistanceBounds:
                 &self.pairs, work, &curve[0, 0] if self.pairs.m else NULL, degree,
                 &required.distances[0] if self.pairs.count else NULL, required.most, floor,
             )
-        found = self._told(work, outcome)
+        found = self._result(work, outcome)
         self._free.append(work)
         return found
 
-    cdef object _told(self, Workspace work, Outcome outcome):
+    cdef object _result(self, Workspace work, Outcome outcome):
         """Return the proof, and count the configurations at which bounds were computed."""
         cdef Py_ssize_t k
         self._counts.bound_queries += outcome.places
@@ -703,8 +704,10 @@ cdef Py_ssize_t _near_pairs(
     _place(pairs, work, values)
     while g < pairs.group_count:
         group, A = &pairs.groups[g], pairs.groups[g].body
-        if group.on > 1 and _is_far(group.around, group.wide, &bodies.body[A], &bodies.pose[A], most):
-            g += group.on
+        if group.run_from_here > 1 and _is_far(
+            group.run_centre, group.run_radius, &bodies.body[A], &bodies.pose[A], most
+        ):
+            g += group.run_from_here
             continue
         g += 1
         for k in range(_near_in_group(pairs, group, &bodies.body[A], &bodies.pose[A], most, some)):
@@ -1158,8 +1161,8 @@ cdef Py_ssize_t _list_near(const Proof *proof, double half) noexcept nogil:
         turn += 1
         if group.radius < INFINITY:
             enough = proof.most + _moved(proof, group.begin, half)
-            if group.back > 1 and _is_far(group.around, group.wide, &bodies[A], &poses[A], enough):
-                turn += group.back - 1
+            if group.run_to_here > 1 and _is_far(group.run_centre, group.run_radius, &bodies[A], &poses[A], enough):
+                turn += group.run_to_here - 1
                 continue
             number += _near_in_group(pairs, group, &bodies[A], &poses[A], enough, listed + number)
             continue

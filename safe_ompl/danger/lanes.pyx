@@ -19,7 +19,7 @@ from libc.string cimport memset
 from cpython.pycapsule cimport PyCapsule_New
 
 from safe_ompl.danger.skeleton cimport (
-    ROUNDING, SERIES, ZERO, HighLevels, LaneFunctions, PointRange, Points, Skeleton, half_gap
+    ROUNDING, SERIES, ZERO, HighLevels, LaneFunctions, PointRange, Points, Skeleton, half_square_difference
 )
 from safe_ompl.robot.kinematics cimport Joint
 
@@ -355,7 +355,7 @@ cdef void _write_forces(
         for x in range(3):
             for b in range(lanes):
                 segment[W * x + b] = rays.key_points[W * (3 * j + x) + b] - rays.key_points[W * (3 * i + x) + b]
-        # The formula of `half_gap`, (S² − ℓ²)/2, without branches, so that compilers vectorize the loop.
+        # The formula of `half_square_difference`, (S² − ℓ²)/2, without branches, so that compilers vectorize the loop.
         for b in range(lanes):
             w0 = u[W + b] * v[2 * W + b] - u[2 * W + b] * v[W + b]
             w1 = u[2 * W + b] * v[b] - u[b] * v[2 * W + b]
@@ -519,7 +519,7 @@ cdef void _fields_at_points(
     const double *key_points, const Skeleton *s, const PointRange *points, double *fields, Py_ssize_t row_stride,
     bint summed, void *memory,
 ) noexcept nogil:
-    """See `LaneFunctions.potentials`. Writes the field of each link, eq. (7), or the sum over links, eq. (5).
+    """See `LaneFunctions.fields_at_points`. Writes the field of each link, eq. (7), or the sum over links, eq. (5).
 
     Rows of `fields` are `row_stride` apart. A sum is written into one row.
     """
@@ -613,7 +613,7 @@ cdef void _restore_digits(
         if not (0.0 <= ratios[j] and ratios[j] <= NEAR):
             for x in range(3):
                 u[x], v[x] = block.points[BLOCK * x + j] - a[x], block.points[BLOCK * x + j] - b[x]
-            half = half_gap(u, v, first[j], last[j])
+            half = half_square_difference(u, v, first[j], last[j])
             ratios[j] = length * (first[j] + last[j] + length) / half if half > 0.0 else 0.0
 
 
@@ -849,9 +849,9 @@ cdef int _highest(
                 second_pass, at = True, Cursor(0, 0)
                 for lane in range(count):
                     # On a link the danger is infinite, and a share of 0 would give NaN.
-                    peaks.threshold[lane] = high_levels.least
-                    if high_levels.share > 0.0:
-                        peaks.threshold[lane] = max(high_levels.share * peaks.peak[lane], high_levels.least)
+                    peaks.threshold[lane] = high_levels.min_level
+                    if high_levels.min_share > 0.0:
+                        peaks.threshold[lane] = max(high_levels.min_share * peaks.peak[lane], high_levels.min_level)
                     if peaks.peak[lane] >= peaks.threshold[lane]:
                         high_dangers[peaks.best[lane]] = max(high_dangers[peaks.best[lane]], peaks.peak[lane])
                 number = _candidates(M, count, &at, high_dangers, &peaks, rays)
@@ -917,7 +917,7 @@ cdef int _gradients(
 # With LaneFunctions(…) Cython would generate an unused Python wrapper of `_block_size`. So the members are assigned one
 # by one.
 cdef LaneFunctions _functions
-_functions.block_size, _functions.potentials = _block_size, _fields_at_points
+_functions.block_size, _functions.fields_at_points = _block_size, _fields_at_points
 _functions.highest, _functions.gradients = _highest, _gradients
 
 functions = PyCapsule_New(&_functions, "safe_ompl.danger.LaneFunctions", NULL)

@@ -32,7 +32,7 @@ where d_a and d_b are the distances from the link's ends. A point is a ball of r
 from libc.math cimport INFINITY, atan2, copysign, fabs, hypot, log, log1p, sqrt
 from libc.stdlib cimport free, malloc
 
-from safe_ompl.danger.skeleton cimport SERIES, ZERO, PointRange, Skeleton, half_gap
+from safe_ompl.danger.skeleton cimport SERIES, ZERO, PointRange, Skeleton, half_square_difference
 from safe_ompl.danger.static cimport SkeletonTable, lanes, skeleton_of
 from safe_ompl.robot.kinematics cimport key_point_velocities, move_joints, place_joints, place_key_points
 
@@ -228,7 +228,7 @@ cdef Terms _link_terms(
     bint isotropic,
 ) noexcept nogil:
     """Return φ, φ̇ and I (0 if not wanted) of one link, with u = p − a and v = p − b; infinity on the link."""
-    cdef double d1 = sqrt(_dot(u, u)), d2 = sqrt(_dot(v, v)), half = half_gap(u, v, d1, d2), length, rate
+    cdef double d1 = sqrt(_dot(u, u)), d2 = sqrt(_dot(v, v)), half = half_square_difference(u, v, d1, d2), length, rate
     cdef GradientTerms terms
     if half <= 0.0 or d1 == 0.0 or d2 == 0.0:
         return Terms(INFINITY, INFINITY, INFINITY)
@@ -378,7 +378,7 @@ cdef void _add_gradients(
     _subtract(point, a, u)
     _subtract(point, b, v)
     d1, d2 = sqrt(_dot(u, u)), sqrt(_dot(v, v))
-    half = half_gap(u, v, d1, d2)
+    half = half_square_difference(u, v, d1, d2)
     if half <= 0.0 or d1 == 0.0 or d2 == 0.0:
         return
     weight = (length if by_length else 1.0) * point_weight
@@ -614,7 +614,7 @@ cdef struct BoundMemory:
     double *rows
     # Largest number of balls or points that are bounded at once.
     Py_ssize_t width
-    # Memory of `LaneFunctions.potentials`.
+    # Memory of `LaneFunctions.fields_at_points`.
     void *of_lanes
 
 
@@ -642,7 +642,7 @@ cdef void _bound(
     cdef double px, py, pz, vx, vy, vz, ux, uy, uz, distance, squared, growth, first, last, w, length, swift, per_square
     cdef double scale, faster, d1, d2, phi, S, half, level, along, q, t, near, far
     cdef bint stretches
-    lanes.potentials(places, s, &centres, rows, width, False, memory.of_lanes)
+    lanes.fields_at_points(places, s, &centres, rows, width, False, memory.of_lanes)
     for k in range(s.K):
         px, py, pz = places[3 * k], places[3 * k + 1], places[3 * k + 2]
         vx, vy, vz = velocities[3 * k], velocities[3 * k + 1], velocities[3 * k + 2]

@@ -1,7 +1,8 @@
-"""Skeletons and points for compiled modules, and what the two builds of `lanes.pyx` offer.
+"""Skeletons, danger points, and the table of functions through which other modules call `lanes.pyx`.
 
-`lanes.pyx` is compiled for all processors, and once more, as `lanes_v3`, for those with AVX2. The package chooses one
-of them when it is imported. So other modules share structs with it, and call its functions by pointers.
+`lanes.pyx` is compiled twice: for all processors, and as `lanes_v3` for processors with AVX2 and FMA. The package
+chooses the build when it is imported, so other modules cannot `cimport` its functions. They share structs with the
+build, and call its functions through pointers.
 """
 
 from libc.math cimport sqrt
@@ -15,16 +16,21 @@ cdef extern from *:
     #define SAFE_OMPL_ROUNDING (8 * 2.220446049250313e-16)
     #define SAFE_OMPL_SERIES 0.01
     """
-    # Stands for a length of zero [m].
+    # Lengths [m] and other divisors are at least this large, so that a division by zero does not give NaN.
     const double ZERO "SAFE_OMPL_ZERO"
-    # Relative size of what is as good as zero: eight units of rounding.
+    # Quantities below this share of the quantities that they are computed from are rounding errors, and count as zero:
+    # eight units of double precision.
     const double ROUNDING "SAFE_OMPL_ROUNDING"
-    # (ℓ/S)² below which κ is summed as a series.
+    # If (ℓ/S)² is below this value, κ is computed by a series, because the closed form cancels.
     const double SERIES "SAFE_OMPL_SERIES"
 
 
-cdef inline double half_gap(const double *u, const double *v, double d1, double d2) noexcept nogil:
-    """Return (S² − ℓ²)/2 = ‖u‖‖v‖ + u·v = ‖u × v‖²/(‖u‖‖v‖ − u·v), without cancellation; zero on the segment."""
+cdef inline double half_square_difference(const double *u, const double *v, double d1, double d2) noexcept nogil:
+    """Return (S² − ℓ²)/2 for a point beside a link of length ℓ, without cancellation; 0 if the point is on the link.
+
+    u and v (3,) lead from the ends of the link to the point, and S is the sum of their lengths d1 and d2. So the result
+    is d1·d2 + u·v = ‖u × v‖²/(d1·d2 − u·v). If u·v < 0, the sum cancels, and the quotient is used.
+    """
     cdef double along, product, x, y, z, area
     if min(d1, d2) <= ROUNDING * max(d1, d2):
         return 0.0
@@ -38,27 +44,35 @@ cdef inline double half_gap(const double *u, const double *v, double d1, double 
     return area * area / (product - along)
 
 
-# A robot's joints (m,), key points (K,) and links between these, (L, 2); whether links weigh by their length.
+# The links of a robot as line segments between key points. `SkeletonTable` owns the arrays.
 cdef struct Skeleton:
+    # The joints (m,) that carry the key points.
     const Joint *joints
     Py_ssize_t m
     const KeyPoint *keys
+    # The number of key points.
     Py_ssize_t K
+    # Indices (L, 2) of the key points at both ends of each link.
     const Py_ssize_t *links
     Py_ssize_t L
+    # Whether the weight of a link is its length. Otherwise all weights are 1.
     bint by_length
 
 
-# Danger points as columns (3, M) [m], their weights k₁w (M,), the columns in single precision, and the largest number.
+# The danger points. `DangerPointTable` owns the arrays.
 cdef struct Points:
+    # Coordinates (3, M) [m]. Each coordinate is contiguous, so that loops over points fill SIMD registers.
     const double *columns
+    # Weights k₁w (M,).
     const double *point_weights
+    # The coordinates in single precision, for bounds of the danger: twice as many of them fill a SIMD register.
     const float *single
+    # The largest absolute value of `single` [m], by which the rounding errors of these bounds are bounded.
     double reach
     Py_ssize_t M
 
 
-# Points begin, …, end − 1 of columns (3, stride) [m].
+# The points begin, …, end − 1 of an array of coordinates (3, stride) [m].
 cdef struct PointRange:
     const double *columns
     Py_ssize_t stride
@@ -66,30 +80,33 @@ cdef struct PointRange:
     Py_ssize_t end
 
 
-# Which levels of danger are wanted beside the highest one, and where they are written.
+# The request for all high levels (dangers of single points), not only for the highest level of each configuration.
 cdef struct HighLevels:
-    # Only levels of at least this share of the highest one at a configuration, and of at least `least`, count.
-    double share
-    double least
-    # The highest level that counts of each point, (M,); 0 where there is none.
+    # A level counts if it is at least `min_share` of the highest level at its configuration, and at least `min_level`.
+    double min_share
+    double min_level
+    # Output: for each point the highest level that counts at any of the configurations, (M,), or 0 if none counts.
     double *levels
 
 
+# The functions of the chosen build of `lanes.pyx`.
 cdef struct LaneFunctions:
-    # Bytes of working memory of `potentials`, for so many key points.
+    # Return the bytes of working memory that `fields_at_points` needs for this number of key points.
     Py_ssize_t (*block_size)(Py_ssize_t) noexcept nogil
-    # Write the field at points: of each link into levels (L, `room`), or their sum into one row.
-    void (*potentials)(
-        const double *places, const Skeleton *skeleton, const PointRange *points, double *levels, Py_ssize_t room,
-        bint summed, void *memory,
+    # Write the fields at points for one configuration with key points (K, 3) [m]. The fields of the links are written
+    # as L rows, which begin `row_stride` numbers apart. If `summed`, their sum is written as one row instead.
+    void (*fields_at_points)(
+        const double *key_points, const Skeleton *skeleton, const PointRange *points, double *fields,
+        Py_ssize_t row_stride, bint summed, void *memory,
     ) noexcept nogil
-    # Write the highest level (B,) at `values: (B, m)`, its gradients (B, m) unless NULL, and other high levels unless
-    # NULL. −1: no memory.
+    # Write the highest level (B,) at `values: (B, m)`. Write its gradients (B, m) and other high levels, too, unless
+    # these pointers are NULL. Return −1 if there is not enough memory.
     int (*highest)(
         const Skeleton *skeleton, const double *values, Py_ssize_t B, const Points *points, double *gradients,
         const HighLevels *others, double *out,
     ) noexcept nogil
-    # Write the gradients (B, m) of weighted sums of the fields at chosen points (B, J). −1: no memory.
+    # Write the gradients (B, m) of weighted sums of the fields at chosen points (B, J). Return −1 if there is not
+    # enough memory.
     int (*gradients)(
         const Skeleton *skeleton, const double *values, Py_ssize_t B, const Points *points, const Py_ssize_t *chosen,
         const double *weights, Py_ssize_t J, double *out,

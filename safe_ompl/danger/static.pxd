@@ -3,12 +3,13 @@
 from safe_ompl.danger.skeleton cimport LaneFunctions, Points, Skeleton
 from safe_ompl.robot.kinematics cimport KeyPointTable
 
-# The build of the functions with lanes that this processor runs.
+# The functions of the build of `lanes.pyx` that was chosen for this processor.
 cdef const LaneFunctions *lanes
 
 cdef Skeleton skeleton_of(const Py_ssize_t[:, ::1] links, const double[:, :, ::1] places, bint by_length) except *
 
 
+# The classes are documented in `static.pyx`. Each has a struct of pointers to its arrays for loops without the GIL.
 cdef class SkeletonTable:
     cdef readonly KeyPointTable keys
     cdef readonly object links

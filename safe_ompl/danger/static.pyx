@@ -10,7 +10,7 @@ from libc.math cimport INFINITY, exp, fabs, log, sqrt
 from libc.stdlib cimport free, malloc
 from libc.string cimport memset
 
-from safe_ompl.danger.skeleton cimport ZERO, HighLevels, LaneFunctions, PointRange, Points, half_gap
+from safe_ompl.danger.skeleton cimport ZERO, HighLevels, LaneFunctions, PointRange, Points, half_square_difference
 from safe_ompl.robot.kinematics cimport KeyPointTable
 
 from importlib import import_module
@@ -295,7 +295,7 @@ def link_fields(
         points = PointRange(&columns[0, 0], M, 0, M)
         with nogil:
             for b in range(B):
-                lanes.potentials(&places[b, 0, 0], &skeleton, &points, &out[b, 0, 0], M, summed, memory)
+                lanes.fields_at_points(&places[b, 0, 0], &skeleton, &points, &out[b, 0, 0], M, summed, memory)
     free(memory)
     return found
 
@@ -349,7 +349,7 @@ def space_gradients(
                         u[x], v[x] = columns[x, m] - start[x], columns[x, m] - end[x]
                     d1 = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
                     d2 = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-                    half = half_gap(u, v, d1, d2)
+                    half = half_square_difference(u, v, d1, d2)
                     if half <= 0.0:
                         for x in range(3):
                             out[b, m, x] = 0.0

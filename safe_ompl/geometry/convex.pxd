@@ -1,16 +1,20 @@
-"""Convex bodies for compiled modules: types of tables, and functions that are compiled into their callers."""
+"""Convex bodies: tables for compiled modules, and functions that are compiled into their callers.
+
+The bounds by balls and boxes are inline, because they decide about most pairs, which are far apart.
+"""
 
 from libc.math cimport INFINITY, sqrt
 
 cdef enum:
-    EDGES = 6  # numbers of a row of a simplex: a point of A − B, and the point of A
+    # A row of a simplex has three coordinates of a point of A − B, and three of the point of A that belongs to it.
+    EDGES = 6
 
 
 cdef struct Vector:
     double x, y, z
 
 
-# The columns of `BODY` in `convex.pyx`, which explains them.
+# A row of `BODY` in `convex.pyx`, which explains the members.
 cdef struct Body:
     Py_ssize_t joint
     double rotation[3][3]
@@ -27,20 +31,22 @@ cdef struct Body:
     Py_ssize_t root
 
 
+# A row of `NODE`: a cell in the tree of a solid.
 cdef struct Node:
     double centre[3]
     Py_ssize_t level
     size_t size
 
 
+# A row of `POSE`: the pose of a body in the world, and the centre of its bounding ball.
 cdef struct Pose:
     double rotation[3][3]
     double origin[3]
     double centre[3]
 
 
-# Bodies at their poses. Cells of solids take turns: their poses are written while a solid is looked at, so that two
-# threads must not share the poses.
+# Bodies at their poses. The poses of a solid's cells are written while the distance of the solid is computed. So each
+# thread needs an own array of poses; the other arrays are shared.
 cdef struct Bodies:
     const Body *body
     const Py_ssize_t *starts
@@ -49,16 +55,19 @@ cdef struct Bodies:
     Pose *pose
 
 
-# Memory of a search for the distance of two bodies: the best separating axis so far, and a simplex.
+# The state of a search for the distance of two bodies, which the next search of the same bodies may begin with.
 cdef struct Search:
+    # The best separating axis so far, from the second body to the first. Zeros mean that no axis is known.
     double axis[3]
     double simplex[4][EDGES]
 
 
-# Bounds of a distance [m]; if they are exact, the nearest point lies between so many corners of the simplex.
+# Bounds of a distance.
 cdef struct Bounds:
+    # [m] The upper bound is −∞ if the bodies overlap.
     double lower
     double upper
+    # The number of corners of the simplex that span the nearest point, if exact bounds were asked for.
     int corners
 
 
@@ -98,7 +107,10 @@ cdef inline void place_still(const Body *body, Pose *pose) noexcept nogil:
 cdef inline void place_moving(
     const Body *bodies, Py_ssize_t count, Pose *poses, const double *rotations, const double *origins
 ) noexcept nogil:
-    """Write the poses of the first so many bodies that joints with these frames carry."""
+    """Write the poses of those of the first `count` bodies that joints carry.
+
+    The joints have the frames `rotations: (m, 3, 3)` and `origins: (m, 3)`.
+    """
     cdef Py_ssize_t g, x, y, joint
     cdef const Body *body
     cdef Pose *pose
@@ -124,7 +136,7 @@ cdef inline void place_moving(
 
 
 cdef inline Vector beyond_box(const Body *body, const Pose *pose, const double *point) noexcept nogil:
-    """Return the way, in the frame of a body, from the box that holds the body to a point (3,) of the world."""
+    """Return the shortest vector from the bounding box of a body to a point (3,) of the world, in the body's frame."""
     # Cython would keep a bare `pose.centre` in a temporary pointer without `const`.
     cdef const double *o = &pose.centre[0]
     cdef const double *half = &body.extent[0]
@@ -138,7 +150,7 @@ cdef inline Vector beyond_box(const Body *body, const Pose *pose, const double *
 
 
 cdef inline Vector from_box(const Body *body, const Pose *pose, const double *point) noexcept nogil:
-    """Return the way, in the world, from the box that holds a body to a point (3,)."""
+    """Return the shortest vector from the bounding box of a body to a point (3,), both in the world frame."""
     cdef Vector way = beyond_box(body, pose, point)
     return Vector(
         pose.rotation[0][0] * way.x + pose.rotation[0][1] * way.y + pose.rotation[0][2] * way.z,
@@ -148,7 +160,7 @@ cdef inline Vector from_box(const Body *body, const Pose *pose, const double *po
 
 
 cdef inline void begin_axis(double *axis, Vector way, double x, double y, double z) noexcept nogil:
-    """Write a first separating axis (3,): the way between box and ball, or else (x, y, z) between the centres."""
+    """Write a first separating axis (3,): `way` between box and ball, or (x, y, z) between the centres if it is 0."""
     cdef double no_length = 1e-9  # [m]
     if way.x * way.x + way.y * way.y + way.z * way.z < no_length * no_length:
         way = Vector(x, y, z + no_length)
@@ -158,9 +170,10 @@ cdef inline void begin_axis(double *axis, Vector way, double x, double y, double
 cdef inline double outer_bound(
     const Bodies *bodies, Py_ssize_t a, Py_ssize_t b, double enough, double *axis
 ) noexcept nogil:
-    """Return a lower bound of the distance [m] of two bodies by balls and boxes about them; `enough` if it is that.
+    """Return a lower bound of the distance [m] of two bodies by their bounding balls and boxes, at most `enough`.
 
-    Else the way from the box about one to the centre of the other is written as first separating `axis: (3,)`.
+    If the bound is below `enough`, the vector from the box of one body to the centre of the other is written to `axis:
+    (3,)`, where the search for a better separating axis begins.
     """
     cdef const Body *A = &bodies.body[a]
     cdef const Body *B = &bodies.body[b]

@@ -1,21 +1,33 @@
-"""Forward kinematics for compiled modules: types of tables, and functions that are compiled into their callers."""
+"""Forward kinematics: tables for compiled modules, and functions that are compiled into their callers.
+
+The functions are inline, because they run in the innermost loops of proofs, danger fields and planners.
+"""
 
 from libc.math cimport M_PI, atan2, cos, fmod, rint, sin, sqrt
 
 
+# A row of `JOINT` in `kinematics.pyx`.
 cdef struct Joint:
-    double rotation[3][3]    # R⁰
-    double translation[3]    # t⁰ [m]
-    double axis[3]           # a
+    # The placement R⁰, t⁰ [m] in the frame of the parent.
+    double rotation[3][3]
+    double translation[3]
+    # The unit axis a in the joint's frame.
+    double axis[3]
+    # Pinocchio's number of the parent joint; 0 is the base.
     Py_ssize_t parent
+    # 1 if the joint is prismatic, 0 if it is revolute.
     Py_ssize_t slides
 
 
+# A point that is fixed to a joint, such as the end of a link.
 cdef struct KeyPoint:
-    double offset[3]         # [m]
+    # The position in the joint's frame [m].
+    double offset[3]
+    # Pinocchio's number of the joint; 0 is the base.
     Py_ssize_t joint
 
 
+# The classes are documented in `kinematics.pyx`. `array` keeps the memory alive to which `data` points.
 cdef class JointTable:
     cdef readonly object array
     cdef const Joint *data
@@ -34,7 +46,7 @@ cdef class Coordinates:
     cdef const double[::1] lower
     cdef const double[::1] upper
     cdef const unsigned char[::1] continuous
-    # The first coordinates of quaternions, of which there are so many.
+    # The index of the first component of each unit quaternion, and the number of quaternions.
     cdef const Py_ssize_t[::1] rotations
     cdef readonly Py_ssize_t turns
 
@@ -43,6 +55,7 @@ cdef class EdgeTable:
     cdef readonly Py_ssize_t n
     cdef readonly Py_ssize_t m
     cdef readonly object coupling, bounds
+    # Pointers to `coupling`, (m, 4), and `bounds`, (2, n).
     cdef const double *couplings
     cdef const double *limits
 

@@ -165,8 +165,9 @@ def test_groups_of_obstacles_change_no_verdict(panda, rng):
     grouped, one_by_one = CollisionChecker(panda, scene), CollisionChecker(panda, scene)
     groups = one_by_one.pairs.bounds.groups
     assert np.isfinite(groups["radius"]).sum() > 20
-    assert set(groups["on"]) >= {1, 4, 8}, "a body has a run of eight, and one of those that are left"
-    groups["radius"] = groups["wide"] = np.inf  # none is left out, as none would be of obstacles that may be anywhere
+    assert set(groups["run_from_here"]) >= {1, 4, 8}, "a body has a run of eight, and one of those that are left"
+    # No group is left out, as none would be of obstacles that may be anywhere.
+    groups["radius"] = groups["run_radius"] = np.inf
     assert np.isfinite(grouped.pairs.bounds.groups["radius"]).any()
     np.testing.assert_array_equal(grouped.pairs.bodies, one_by_one.pairs.bodies)
     proven = touching = 0

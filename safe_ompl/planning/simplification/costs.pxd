@@ -1,4 +1,8 @@
-"""Costs of paths for compiled modules."""
+"""Costs of paths and their descent: the classes and functions that other compiled modules `cimport`.
+
+The classes are documented in `costs.pyx`. Public members are for Python; members that begin with an underscore are the
+same arrays as memory views or pointers, which loops without the GIL need.
+"""
 
 from safe_ompl.collision.proofs cimport HingeTerms
 from safe_ompl.danger.static cimport PointDanger
@@ -11,6 +15,7 @@ cdef class DangerTerms:
     cdef readonly object matrix, shift
     cdef const double[:, ::1] _matrix
     cdef const double[::1] _shift
+    # Numbers of the model's joints and of the planned joints.
     cdef Py_ssize_t m, n
     cdef int write(self, const double *Q, Py_ssize_t B, double *values, double *slopes, double *danger) except -1 nogil
     cdef void write_by_planned_joints(self, const double *slopes, Py_ssize_t C, double *out) noexcept nogil
@@ -22,18 +27,25 @@ cdef class PricedPath:
     cdef readonly object path, gradient, danger, slopes
     cdef public object blocks, beside
     cdef public double cost
+    # Numbers of way points, planned joints and the model's joints.
     cdef Py_ssize_t N, n, m
     cdef double *_path
     cdef double *_gradient
     cdef double *_danger
     cdef double *_slopes
-    # Working memory: nodes (B, n), values of the joints and slopes of the costs of obstacles (B, m), costs of obstacles
-    # (B,), lengths of segments (N − 1,), and frames of the joints (15 m,).
+    # Working memory, allocated once for each path, because a descent evaluates the cost hundreds of times. All pointers
+    # lead into the one block that begins at `_nodes`.
+    # The Gauss points (B, n).
     cdef double *_nodes
+    # The values of the model's joints at the Gauss points (B, m).
     cdef double *_values
+    # The derivatives of the obstacle costs by the model's joints (B, m).
     cdef double *_obstacle_slopes
+    # The obstacle costs (B,).
     cdef double *_nears
+    # The lengths of the segments (N − 1,) [rad].
     cdef double *_lengths
+    # The frames of the joints at one Gauss point (15 m,).
     cdef double *_frames
 
 
@@ -46,6 +58,7 @@ cdef class Densities:
     cdef const double[:, ::1] _hinges
     # Pointers to the three arrays above.
     cdef HingeTerms _obstacle_terms
+    # The smallest number of configurations that a path must have so that every near pair belongs to one of them.
     cdef Py_ssize_t _rows
     cdef int check(self, Py_ssize_t n, Py_ssize_t rows) except -1
     cdef void add_near(
@@ -56,14 +69,23 @@ cdef class Densities:
 
 
 cdef class Walk:
+    # Limits of the planned joints (n,) [rad or m].
     cdef const double[::1] _lower, _upper
+    # The model of the cost. It is None before `restart`, and after a restart that raised an error.
     cdef Densities _densities
+    # The present path, and the path after the step that is tried. An accepted step swaps the two.
     cdef PricedPath _here, _next
+    # The Cholesky factor of the first Hessian (N·n, 2n), see `factored`, and the search direction (N, n).
     cdef double[:, ::1] _band, _direction
+    # The last `MEMORY` steps and changes of the gradient (MEMORY, N, n) of L-BFGS, and their scalar products.
     cdef double[:, :, ::1] _steps, _changes
     cdef double _products[6]
+    # 1 for each way point (N,) that may move, 0 for the others.
     cdef const unsigned char[::1] _moving
+    # The last accepted step as a share of its search direction.
     cdef double _size
+    # The number of steps that were remembered since the last reset, of which the last `MEMORY` are kept, and the number
+    # of steps in a row that saved little.
     cdef Py_ssize_t _remembered, _idle
     cdef readonly Py_ssize_t evaluations
     cdef PricedPath _place(self)
