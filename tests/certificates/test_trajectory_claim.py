@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -281,11 +282,25 @@ def test_no_place_within_a_long_cell_is_faster_than_claimed(ur5):
     assert PlainSpeeds(ur5, Budget(60.0)).exceeded(motion, 0.999 * max(speeds), tool=True) is not None
 
 
-def again_long(claim):
-    """Claim the duration that the motion has."""
+def law_of(claim):
     read = ClaimedTrajectory.from_mapping(claim)
     curve = RecordedMotion(read)
-    claim["duration"] = RecordedLaw(read, curve, curve, Robot.from_example("ur5")).duration
+    return RecordedLaw(read, curve, curve, Robot.from_example("ur5"))
+
+
+@pytest.mark.parametrize("windowed", [False, True])
+def test_no_rate_within_a_cell_is_outside_its_bounds(written, smooth, windowed):
+    law = law_of(claimed(smooth if windowed else written)["trajectory"])
+    for cell, (begin, end) in enumerate(pairwise(law.edges)):
+        low, high = law.rates_between(cell, begin, end)
+        inside = [law.rates_between(cell, s, s) for s in np.linspace(begin, end, 9)]
+        assert (low <= np.array(inside) * (1 + 1e-12)).all()
+        assert (np.array(inside) <= high * (1 + 1e-12)).all()
+
+
+def again_long(claim):
+    """Claim the duration that the motion has."""
+    claim["duration"] = law_of(claim).duration
 
 
 def swung(claim):

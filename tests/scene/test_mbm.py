@@ -56,6 +56,9 @@ def test_joints_are_matched_by_name(tmp_path):
     problem = MbmFile.load(write(tmp_path, data)).problem("easy", 0)
     assert problem.start_configuration(arm).tolist() == [0.1, 0]
     assert problem.goal_configurations(arm).tolist() == [[0.2, 1], [0.3, -1]]
+    assert problem.widened_limits(arm) == {}
+    data["problems"]["easy"][0]["goals"] = [[2.61, 0.2], [-2.62, 3.3]]  # joint2 keeps to ±2.6, joint1 to ±3.1
+    assert MbmFile.load(write(tmp_path, data)).problem("easy", 0).widened_limits(arm) == {"joint2": (-2.62, 2.61)}
     del data["joints"]
     problem = MbmFile.load(write(tmp_path, data)).problem("easy", 0)
     assert problem.start_configuration(arm).tolist() == [0, 0.1]

@@ -104,6 +104,7 @@ def test_defaults_and_pickling(folder):
     assert scenario.scene == Scene()
     assert pickle.loads(pickle.dumps(scenario)) == scenario
     assert scenario.build_robot().joint_names == ("joint1", "joint2", "joint3")
+    assert Scenario.load(write(folder, MINIMAL + "planners:\nframes:\n")) == scenario, "empty sections hold nothing"
 
 
 def test_robot_files_are_relative_to_the_document(folder):
