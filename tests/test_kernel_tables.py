@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import safe_ompl
-from safe_ompl import Box, DangerField, Obstacle, PointCloud, Pose, Scene
+from safe_ompl import Box, DangerField, InputError, Obstacle, PointCloud, Pose, Scene
 from safe_ompl.collision import CollisionChecker, MotionProver
 from safe_ompl.collision.proofs import ALLOWANCE, Required
 from safe_ompl.common import Counts
@@ -26,6 +26,7 @@ from safe_ompl.geometry.convex import ShapeTable
 from safe_ompl.live.replanning.hull_gaps import MarginQuery
 from safe_ompl.planning.simplification import costs, descent, edges
 from safe_ompl.planning.simplification.cost import DangerDensity, ObstacleCost
+from safe_ompl.robot.kinematics import JOINT, JointTable
 
 ROOT = Path(safe_ompl.__file__).parent
 SOURCES = {path.stem: path for path in ROOT.rglob("*.pyx") if "lanes" not in path.stem}
@@ -333,6 +334,58 @@ def test_bad_arguments_are_refused(t, name):
             for other in methods(name) if name.count(".") == 1 else ():
                 with suppress(*REFUSED):
                     getattr(made, other.split(".")[-1])(*CALLS[other](t))
+
+
+def with_number(array, name, number):
+    """Return a copy of an array with another first number in a field."""
+    array = array.copy()
+    array[name][0] = number
+    return array
+
+
+def with_part(parts, k, part):
+    return (*parts[:k], part, *parts[k + 1 :])
+
+
+# What leads out of a table, or does not fit another one: the argument, what it is instead, and what is said.
+ELSEWHERE = [
+    ("kinematics.JointTable", 0, lambda t: with_number(t.joints.array, "parent", -1), "its parent is -1"),
+    ("kinematics.JointTable", 0, lambda t: with_number(t.joints.array, "parent", 2), "must be one of 0 to 0"),
+    ("kinematics.JointTable", 0, lambda t: np.zeros((3, 3)), "[Bb]uffer|dtype|format"),
+    ("laws.time_left", 3, lambda t: indices(4, 1, 3, 3), r"ends\[0\] must be from 0 to 3, got 4"),
+    ("laws.time_left", 3, lambda t: indices(-1, 1, 3, 3), r"ends\[0\] must be from 0 to 3, got -1"),
+    ("laws.time_left", 0, lambda t: numbers(3), "sizes must have 4 rows, got 3"),
+    ("laws.time_left", 2, lambda t: numbers(5), r"boxes must have shape \(4, 5\), got \(4, 6\)"),
+    ("laws.time_left", 1, lambda t: t.boxes[:1], "boxes must be four arrays, got 1"),
+    ("laws.time_left", 5, lambda t: numbers(4, 3), "times and harmless must be of the same limbs, got 2 and 3"),
+    ("laws.derivatives", 2, lambda t: indices(0, 3), r"pieces\[1\] must be from 0 to 2, got 3"),
+    ("laws.derivatives", 0, lambda t: np.arange(5.0), "3 pieces need powers and 4 times, got 5 and 5"),
+    ("laws.derivatives", 2, lambda t: indices(0), "pieces must have 2 rows, got 1"),
+    ("bodies.LimbArrivals", 2, lambda t: indices(-1), "bodies: must be from 0 to"),
+    ("bodies.LimbArrivals", 3, lambda t: indices(10_000), "limbs: must be from 0 to"),
+    ("bodies.LimbArrivals", 4, lambda t: numbers(2), "there must be speeds of 1 limbs, got 2"),
+    ("bodies.LimbArrivals", 0, lambda t: JointTable(np.zeros(0, JOINT)), "there is no joint"),
+    ("hull_gaps.BodyHulls", 0, lambda t: indices(-1, 2), "body 0 is carried by joint -1"),
+    ("hull_gaps.BodyHulls", 2, lambda t: indices(0, 3, 8), "must lead from 0 to the number of vertices"),
+    ("hull_gaps.BodyHulls", 2, lambda t: indices(0, 0, 7), "list 0 of vertices is empty"),
+    ("hull_gaps.BodyHulls", 3, lambda t: numbers(3), r"must have shapes \(2,\), \(2,\) and \(2, 3\)"),
+    ("hull_gaps.BodyHulls.gaps", 0, lambda t: indices(0, 4), "those of 5 cells and 3 joints at least"),
+    ("hull_gaps.BodyHulls.gaps", 0, lambda t: indices(-1, 3), "there is no cell -1"),
+    ("hull_gaps.BodyHulls.gaps", 1, lambda t: numbers(3), "one time for each window"),
+    ("hull_gaps.BodyHulls.gaps", 2, lambda t: with_part(t.motion_sets, 0, numbers(3)), "one speed for each window"),
+    ("hull_gaps.BodyHulls.gaps", 2, lambda t: with_part(t.motion_sets, 1, numbers(4, 3, 2)), r"shape \(4, 2, …\)"),
+    ("hull_gaps.BodyHulls.gaps", 3, lambda t: tuple(part[:, :2].copy() for part in t.cells), "4 cells and 3 joints at"),
+    ("hull_gaps.BodyHulls.gaps", 3, lambda t: with_part(t.cells, 2, numbers(4, 1)), r"travel must have shape \(4, 2\)"),
+    ("hull_gaps.BodyHulls.gaps", 4, lambda t: with_part(t.sets, 1, indices(1, 2, 5)), "first_point must lead from 0"),
+    ("hull_gaps.BodyHulls.gaps", 4, lambda t: with_part(t.sets, 3, numbers(3, 2)), r"shapes \(3,\) and \(2, 2\)"),
+]
+
+
+@pytest.mark.parametrize(("name", "argument", "other", "message"), ELSEWHERE)
+def test_what_leads_elsewhere_is_named(t, name, argument, other, message):
+    given = with_part(CALLS[name](t), argument, other(t))
+    with pytest.raises((InputError, ValueError), match=message):
+        function(t, name)(*given)
 
 
 def test_all_that_is_compiled_is_in_the_table():

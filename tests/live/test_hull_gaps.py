@@ -5,7 +5,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import InputError, RateLimits, time_path
+from safe_ompl import RateLimits, time_path
 from safe_ompl.live import ReachSets
 from safe_ompl.live.replanning.bounded_path import Around, BoundedPath, RobotBodies, SpeedLimits, StopLaw
 from safe_ompl.live.replanning.hull_gaps import BodyHulls, MarginQuery
@@ -114,52 +114,3 @@ def test_no_point_of_a_body_leaves_where_a_cell_says_it_is(path, panda):
             places = corners @ np.swapaxes(rotations[:, joint], 1, 2) + origins[:, None, joint]
             ways = np.linalg.norm(places[:-1] - places[-1], axis=2)
             assert ways.max() <= path.frames.travel[k, g] + 1e-9
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"carriers": np.array([-1])}, "body 0 is carried by joint -1"),
-        ({"first_vertex": np.array([0, 3])}, "must lead from 0 to the number of vertices"),
-        ({"first_vertex": np.array([0, 0, 2]), "carriers": np.zeros(2, np.intp)}, "list 0 of vertices is empty"),
-        ({"pads": np.zeros(2)}, r"must have shapes \(1,\), \(1,\) and \(1, 3\)"),
-        ({"at": np.array([1])}, "frames must be those of 2 cells and 1 joints at least"),
-        ({"at": np.array([-1])}, "there is no cell -1"),
-        ({"until": np.zeros(2)}, "one time for each window"),
-        ({"travel": np.zeros((1, 2))}, r"travel must have shape \(1, 1\)"),
-        ({"carriers": np.array([1])}, "frames must be those of 1 cells and 2 joints at least"),
-        ({"first_point": np.array([1, 2])}, "first_point must lead from 0"),
-        ({"growth": np.zeros((2, 2))}, r"must have shapes \(2,\) and \(1, 2\)"),
-        ({"squares": np.zeros(2)}, "at one speed for each window"),
-        ({"most": np.zeros((1, 2, 1))}, r"must have shape \(1, 1, …\)"),
-    ],
-)
-def test_tables_that_do_not_fit_together_are_refused(change, message):
-    given = {
-        "carriers": np.array([0]),
-        "vertices": np.zeros((2, 3)),
-        "first_vertex": np.array([0, 2]),
-        "pads": np.zeros(1),
-        "middles": np.zeros((1, 3)),
-        "extents": np.zeros(1),
-        "at": np.array([0]),
-        "until": np.zeros(1),
-        "squares": np.zeros(1),
-        "most": np.zeros((0, 0, 0)),
-        "travel": np.zeros((1, 1)),
-        "first_point": np.array([0, 1]),
-        "growth": np.zeros((1, 2)),
-        **change,
-    }
-    of_bodies = (given[key] for key in ("carriers", "vertices", "first_vertex", "pads", "middles", "extents"))
-    frames = np.eye(3)[None, None], np.zeros((1, 1, 3)), given["travel"]
-    moving = np.ones((1, 3)), given["first_point"], np.zeros(1), given["growth"]
-    with pytest.raises(InputError, match=message):
-        BodyHulls(*of_bodies).gaps(
-            given["at"],
-            given["until"],
-            (given["squares"], given["most"]),
-            frames,
-            moving,
-            MarginQuery(0.0, np.inf, 0.0, False),
-        )

@@ -1,7 +1,6 @@
 """Trajectories beside people: they stop in time, whatever happens, and say where they cannot."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -21,8 +20,6 @@ from safe_ompl import (
 )
 from safe_ompl.collision import CollisionChecker, MotionProver, Separation
 from safe_ompl.motions import BodySpeeds, PeopleDistances
-from safe_ompl.motions.bodies import LimbArrivals
-from safe_ompl.robot.kinematics import JOINT, JointTable
 from safe_ompl.scene import BodyRegion
 from safe_ompl.scene.constraints import CONTACT_TABLE
 
@@ -226,20 +223,3 @@ def test_people_as_a_document():
     assert "as if it were infinitely heavy, the person's is not counted" in people.contact_sentence
     assert "no compliance" in people.contact_sentence
     assert People().contact_sentence == ""
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"bodies": np.array([-1])}, "bodies: must be from 0 to"),
-        ({"limbs": np.array([10_000])}, "limbs: must be from 0 to"),
-        ({"speeds": np.ones(2)}, "there must be speeds of 1 limbs, got 2"),
-        ({"joints": JointTable(np.zeros(0, JOINT))}, "there is no joint"),
-    ],
-)
-def test_limbs_that_there_are_not_are_refused(ur5, change, message):
-    given = {"joints": ur5.kinematics.table, "bodies": np.array([1]), "limbs": np.array([0]), "speeds": np.ones(1)}
-    arrivals = partial(LimbArrivals, shapes=ur5.bounds.convex_bodies.table, clearance=0.1, reaction=0.1)
-    arrivals(**given)
-    with pytest.raises(InputError, match=message):
-        arrivals(**{**given, **change})

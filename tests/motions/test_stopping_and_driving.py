@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from safe_ompl import InputError
 from safe_ompl.motions import ceilings, drive
-from safe_ompl.motions.laws import derivatives, stopping_speeds, time_left
+from safe_ompl.motions.laws import stopping_speeds
 
 
 def random_path(rng):
@@ -109,35 +108,3 @@ def test_stops_and_pushes_are_as_fast_as_their_bounds():
     _, S, X, T = drive(edges, squares, brakes, ceiling, 0.0, 0.0, 1.0, 10.0)
     assert (S[-1], X.max()) == pytest.approx((1.0, 1.0))
     assert T[-1] == pytest.approx(1.5)  # 0.25 rad each to speed up and brake, 0.5 rad at 1 rad/s
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"ends": np.full(40, 40)}, r"ends\[0\] must be from 0 to 39, got 40"),
-        ({"ends": np.full(40, -1)}, r"ends\[0\] must be from 0 to 39, got -1"),
-        ({"sizes": np.ones(39)}, "sizes must have 40 rows, got 39"),
-        ({"limits": np.ones(5)}, r"boxes must have shape \(40, 5\), got \(40, 6\)"),
-        ({"boxes": (np.ones((40, 6)),)}, "boxes must be four arrays, got 1"),
-        ({"harmless": np.ones((40, 2))}, "times and harmless must be of the same limbs, got 3 and 2"),
-    ],
-)
-def test_tables_that_do_not_fit_are_refused(change, message):
-    one, rows = np.ones((40, 6)), np.ones((40, 3))
-    given = {"sizes": np.ones(40), "boxes": (-one, one, -one, one), "limits": np.ones(6), "ends": np.full(40, 39)}
-    assert (time_left(**given, times=rows, harmless=rows)[1] == -1).all()
-    with pytest.raises(InputError, match=message):
-        time_left(**{**given, "times": rows, "harmless": rows, **change})
-
-
-@pytest.mark.parametrize(
-    ("times", "pieces", "message"),
-    [
-        (np.arange(3.0), [0, 3], r"pieces\[1\] must be from 0 to 1, got 3"),
-        (np.arange(4.0), [0, 1], "2 pieces need powers and 3 times, got 4 and 4"),
-        (np.arange(3.0), [0], "pieces must have 2 rows, got 1"),
-    ],
-)
-def test_pieces_that_there_are_not_are_refused(times, pieces, message):
-    with pytest.raises(InputError, match=message):
-        derivatives(times, np.zeros((2, 4, 6)), np.array(pieces), np.zeros(2))
