@@ -232,16 +232,6 @@ def test_the_tolerance_of_limits(crank):
 # ----------------------------------------------------------------------------------------------------------- errors
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_motions_must_be_finite(crank, bad):
-    motion = MotionProver(CollisionChecker(crank, Scene()))
-    for edge in (([bad], [0.0]), ([0.0], [bad])):
-        with pytest.raises(InputError, match="not finite"):
-            motion.check(*map(np.array, edge))
-        with pytest.raises(InputError, match="not finite"):
-            motion.is_free(*map(np.array, edge))
-
-
 @pytest.mark.parametrize("floor", [0.0, -1e-3, np.nan, np.inf])
 def test_the_floor_must_be_a_length(crank, floor):
     checker = CollisionChecker(crank, Scene())
@@ -260,17 +250,6 @@ def test_what_proves_motions_does_not_change(crank):
     assert demanding.check(start, end).verdict is Verdict.BLOCKED
     assert motion.is_free(start, end), "another one was returned"
     assert replace(demanding, limits=[], separation=Separation(margin=0.01)).is_free(start, end)
-
-
-def test_motions_as_people_write_them(crank):
-    motion = MotionProver(CollisionChecker(crank, beside(0.02)))
-    for start, end in (([-0.51], [0.5]), ((-1,), (1,)), (np.float32([-0.5]), np.array([1]))):
-        assert motion.is_free(start, end)
-        assert motion.check(start, end) == MotionVerdict(Verdict.FREE)
-    for start, end in (([0.0, 1.0], [0.5]), ([0.0], 0.5), (["a"], [0.5]), ([0.0], None)):
-        for ask in (motion.is_free, motion.check):
-            with pytest.raises(InputError, match=r"(start|end) of a motion: must"):
-                ask(start, end)
 
 
 @pytest.mark.parametrize("gap", [5e-6, 1.1e-5, 1.3e-5, 1.6e-5, 1.9e-5, 2.6e-5, 5e-5])

@@ -196,21 +196,6 @@ def test_paths_are_checked(robot_named):
         danger.of_path([[0.0, 0.0]])
 
 
-@pytest.mark.parametrize("bad", [[np.nan] * 7, [0.0] * 5, "abc", None, [[0.0] * 7], ["a"] * 7, 3])
-def test_configurations_are_checked(panda, bad):
-    danger, q = certified(panda), list((panda.lower + panda.upper) / 2)
-    limit = DangerLimit(danger.field, 1e9)
-    assert limit.check(q, q).verdict is Verdict.FREE
-    assert limit.allows(q)
-    with pytest.raises(InputError, match="start of a motion: must"):
-        limit.check(bad, q)
-    with pytest.raises(InputError, match="end of a motion: must"):
-        limit.check(q, bad)
-    for ask in (limit.danger, limit.allows, danger.field.value, danger.field.gradient):
-        with pytest.raises(InputError, match="configuration: must"):
-            ask(bad)
-
-
 @pytest.mark.parametrize("points", [[], None])
 def test_the_peak_of_one_configuration_and_without_danger_points(panda, points):
     field = certified(panda).field if points is None else DangerField(panda, points)

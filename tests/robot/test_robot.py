@@ -203,40 +203,6 @@ def test_deciding_early_changes_no_decision(robot_named, name):
 # ----------------------------------------------------------------------------------- configurations as people have them
 
 
-ASKED = ("keypoints", "tip_jacobian", "displacement_radii_at", "pinocchio_configuration")
-
-
-def method_of(robot, name):
-    return getattr(robot.bounds if hasattr(robot.bounds, name) else robot, name)
-
-
-@pytest.mark.parametrize("name", ["panda", "kinova"])
-@pytest.mark.parametrize("method", ASKED)
-def test_lists_and_other_numbers(robot_named, name, method):
-    robot = robot_named(name)
-    q = np.round((robot.lower + robot.upper) / 2, 1).astype(np.float32)
-    ask = method_of(robot, method)
-    expected = ask(q.astype(np.float64))
-    for other in (q, q.tolist(), tuple(q.tolist()), np.stack([q, q], axis=1)[:, 0]):
-        np.testing.assert_array_equal(ask(other), expected)
-
-
-@pytest.mark.parametrize("method", [*ASKED, "tip_pose"])
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        ([0.0] * 6, r"must have shape \(7\), got \(6,\)"),
-        (np.zeros((1, 7)), r"must have shape \(7\), got \(1, 7\)"),
-        (["zero"] * 7, "must be numbers, got "),
-        ([0.0] * 6 + [float("nan")], "must be finite"),
-        (None, "must"),
-    ],
-)
-def test_what_is_no_configuration(panda, method, value, message):
-    with pytest.raises(InputError, match=message):
-        method_of(panda, method)(value)
-
-
 def test_mappings_from_names(panda):
     q = np.linspace(-0.5, -0.1, 7)
     named = dict(zip(panda.joint_names, q, strict=True))
