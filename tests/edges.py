@@ -8,9 +8,16 @@ def kept_within_limits(robot, q):
     return np.where(robot.continuous, q, np.clip(q, robot.lower, robot.upper))
 
 
-def random_edge(robot, seed, length):
-    """Return two configurations within the limits, about `length` [rad or m] apart where the limits leave the room."""
+def random_path(robot, seed, edges, length):
+    """Return way points within the limits, about `length` [rad or m] apart where the limits leave the room."""
     rng = np.random.default_rng(seed)
-    start = rng.uniform(robot.lower, robot.upper)
-    step = length * rng.normal(size=robot.n) / np.sqrt(robot.n)
-    return start, kept_within_limits(robot, start + step)
+    path = [rng.uniform(robot.lower, robot.upper)]
+    for _ in range(edges):
+        step = length * rng.normal(size=robot.n) / np.sqrt(robot.n)
+        path.append(kept_within_limits(robot, path[-1] + step))
+    return np.array(path)
+
+
+def random_edge(robot, seed, length):
+    """Return two configurations, as `random_path` has them."""
+    return tuple(random_path(robot, seed, 1, length))

@@ -7,18 +7,18 @@ from bench._plain import fresh_data
 
 
 class Limbs:
-    """Distances of every limb from the robot, by all pairs, nothing left out."""
+    """Distances of every limb from the robot, or from what moves of it, by all pairs, nothing left out."""
 
-    def __init__(self, robot, obstacle):
+    def __init__(self, robot, obstacle, still=False):
         self.robot = robot
         self.geometry = robot.collision_model.copy()
         self.geometry.removeAllCollisionPairs()
-        moving = [k for k, body in enumerate(self.geometry.geometryObjects) if body.parentJoint]
+        bodies = [k for k, body in enumerate(self.geometry.geometryObjects) if still or body.parentJoint]
         self.names = []
         for name, shape, placement in obstacle.geometries():
             added = self.geometry.addGeometryObject(pin.GeometryObject(name, 0, placement, shape))
             self.names.append(name.partition("/")[2])
-            for body in moving:
+            for body in bodies:
                 self.geometry.addCollisionPair(pin.CollisionPair(body, int(added)))
         self.data, self.memory = fresh_data(self.geometry), robot.model.createData()
 

@@ -232,15 +232,6 @@ def near(panda, clutter):
     return np.array(found), PairDistances(checker, WITHIN).near(np.array(found), WITHIN)
 
 
-def test_gradients_of_distances(near):
-    Q, witnesses = near
-    _, gradients, _ = distances_of(witnesses, Q)
-    for i in range(Q.shape[1]):
-        step = 1e-6 * np.eye(Q.shape[1])[i]
-        rise = distances_of(witnesses, Q + step)[0] - distances_of(witnesses, Q - step)[0]
-        np.testing.assert_allclose(gradients[:, i], rise / 2e-6, atol=1e-6)
-
-
 def test_hinge_costs_are_those_of_the_distances(near):
     Q, witnesses = near
     distances, slopes, _ = distances_of(witnesses, Q)

@@ -1,32 +1,26 @@
 """The robot's own points go from a cloud, and no others."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
+from limbs import Limbs
 
 from safe_ompl import Box, CollisionChecker, InputError, Obstacle, PointCloud, Pose, Scene
 from safe_ompl.collision import robot_points, without_robot
-from safe_ompl.geometry import bounding_hull
 
 Q = np.array([0.3, -0.5, 0.2, -2.0, 0.1, 1.8, 0.7])
 MARGIN = 0.02
 
 
-def skin(robot):
+@pytest.fixture(scope="module")
+def skin(panda, body_points):
     """Return corners of the robot's hulls in the world."""
-    data, found = robot.model.createData(), []
-    pin.forwardKinematics(robot.model, data, robot.pinocchio_configuration(Q))
-    for body in robot.collision_model.geometryObjects:
-        place = data.oMi[int(body.parentJoint)] * body.placement
-        corners = bounding_hull(body.geometry).points[::5]
-        found.append(corners @ place.rotation.T + place.translation)
-    return np.concatenate(found)
+    return np.concatenate([corners[::5] for corners in body_points(panda).at(Q)])
 
 
 @pytest.fixture(scope="module")
-def scan(panda):
+def scan(skin):
     """Points on the robot, then points anywhere."""
-    own = skin(panda) + np.random.default_rng(0).normal(0, 0.002, skin(panda).shape)
+    own = skin + np.random.default_rng(0).normal(0, 0.002, skin.shape)
     anywhere = np.random.default_rng(1).uniform([-0.6, -0.6, 0], [0.9, 0.6, 1.2], (400, 3))
     return np.concatenate([own, anywhere]), len(own)
 
@@ -35,19 +29,9 @@ def test_which_points_are_the_robot_s_is_what_distances_say(panda, scan):
     points, own = scan
     mine = robot_points(points, panda, Q, MARGIN)
     assert mine[:own].all()
-    bodies = panda.collision_model
     for k in range(own, len(points), 7):
-        ball = Scene((Obstacle("p", PointCloud(1e-4, points=points[[k]])),))
-        geometry = bodies.copy()
-        geometry.removeAllCollisionPairs()
-        ((name, shape, place),) = ball["p"].geometries()
-        number = geometry.addGeometryObject(pin.GeometryObject(name, 0, place, shape))
-        for body in range(len(bodies.geometryObjects)):
-            geometry.addCollisionPair(pin.CollisionPair(body, number))
-        data = pin.GeometryData(geometry)
-        full = panda.pinocchio_configuration(Q)
-        pin.computeDistances(panda.model, panda.model.createData(), geometry, data, full)
-        distance = min(result.min_distance for result in data.distanceResults) + 1e-4
+        ball = Obstacle("p", PointCloud(1e-4, points=points[[k]]))
+        distance = Limbs(panda, ball, still=True).at(Q).min() + 1e-4
         if abs(distance - MARGIN) > 1e-4:
             assert mine[k] == (distance < MARGIN)
 
@@ -69,8 +53,8 @@ def test_a_robot_that_saw_itself_is_free(panda, scan, caplog):
     assert cleared["table"] is table
 
 
-def test_a_cloud_that_is_all_robot_goes_and_one_without_robot_stays_itself(panda):
-    robot, other = (Obstacle(name, PointCloud(0.01, points=p)) for name, p in (("a", skin(panda)), ("b", [[5, 5, 5]])))
+def test_a_cloud_that_is_all_robot_goes_and_one_without_robot_stays_itself(panda, skin):
+    robot, other = (Obstacle(name, PointCloud(0.01, points=p)) for name, p in (("a", skin), ("b", [[5, 5, 5]])))
     cleared = without_robot(Scene((robot, other)), panda, Q, MARGIN)
     assert cleared.names == ("b",)
     assert cleared["b"] is other

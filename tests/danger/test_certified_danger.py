@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from ball import densely
-from edges import kept_within_limits
+from edges import random_path
 from hypothesis import given, settings, strategies as st
 
 from safe_ompl import CertifiedDanger, DangerField, DangerLimit, InputError, Verdict
@@ -35,15 +35,6 @@ def certified(robot, aggregate="max", weighting="unit"):
     weights = np.linspace(0.5, 2.0, len(points))
     field = DangerField(robot, points, weights, aggregate=aggregate, weighting=weighting, sharpness=2.0)
     return CertifiedDanger(field)
-
-
-def random_path(robot, seed, edges, length):
-    rng = np.random.default_rng(seed)
-    path = [rng.uniform(robot.lower, robot.upper)]
-    for _ in range(edges):
-        end = path[-1] + length * rng.normal(size=robot.n) / np.sqrt(robot.n)
-        path.append(kept_within_limits(robot, end))
-    return np.array(path)
 
 
 # ------------------------------------------------------------------------------------------- moving key points

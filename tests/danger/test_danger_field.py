@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from oracles.differences import slopes
 from oracles.pinocchio_points import keypoint_jacobians
 
 from safe_ompl import CertifiedDanger, DangerField, InputError, KinetostaticField, Robot, Scene
@@ -36,10 +37,6 @@ def aggregated(x, aggregate, sharpness):
     return x.max() if aggregate == "max" else x.mean()
 
 
-def differences(function, q, step=1e-6):
-    return np.array([(function(q + h) - function(q - h)) / (2 * step) for h in step * np.eye(len(q))])
-
-
 # ---------------------------------------------------------------------------------------- values and gradients
 
 
@@ -57,7 +54,7 @@ def test_values_and_gradients_of_every_robot(robot_named, rng, name, aggregate, 
         assert value == pytest.approx(aggregated(levels(danger, q), aggregate, 3.0), rel=1e-12)
         assert danger.value(q) == value
         np.testing.assert_allclose(danger.gradient(q), gradient, rtol=1e-12, atol=1e-12)
-        expected = differences(danger.value, q)
+        expected = slopes(danger.value, q)
         np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-6 * (1 + np.abs(expected).max()))
 
 
@@ -78,14 +75,15 @@ def test_values_of_any_number_of_points(robot_named, seed, number, aggregate, we
 
 @pytest.mark.parametrize("aggregate", AGGREGATES)
 def test_arrays_of_any_kind_are_taken(panda, rng, aggregate):
-    danger, frozen = DangerField(panda, POINTS.T.copy().T, WEIGHTS[::-1], aggregate=aggregate), some(panda, rng, 4)
+    danger = DangerField(panda, POINTS.T.copy().T, WEIGHTS[::-1], aggregate=aggregate, k1=2.0)
+    frozen = some(panda, rng, 4)
     frozen.setflags(write=False)
     motion = KinetostaticField(danger)
     for Q in (frozen, np.asfortranarray(frozen), frozen[::2], frozen.tolist()):
         expected = [danger.value(q) for q in Q]
         np.testing.assert_array_equal(danger.values_and_gradients(Q)[0], expected)
         np.testing.assert_array_equal(danger.high_points(Q, 0.5), danger.high_points(np.array(Q), 0.5))
-        np.testing.assert_allclose(motion.values_and_gradients(Q, 0 * np.array(Q))[0], expected, rtol=1e-9)
+        np.testing.assert_allclose(motion.values_and_gradients(Q, 0 * np.array(Q))[0], expected, rtol=1e-12)
         assert danger.link_fields(panda.keypoints_batch(np.array(Q)))[0].shape == (len(Q), len(danger.links), 9)
 
 

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from oracles.differences import slopes
 from scipy.integrate import quad
 
 from safe_ompl import DangerField, InputError, KinetostaticField
@@ -83,7 +84,6 @@ def test_static_part_is_the_static_field_of_whole_skeletons(rng, weighting):
 
 @pytest.mark.parametrize("by_length", [False, True])
 def test_gradients_of_the_parts_are_those_of_finite_differences(by_length):
-    step = 1e-5
     for a, b, va, vb, p in cases(80):
         if np.linalg.norm(np.cross(p - a, b - a)) < 1e-2 * np.linalg.norm(b - a):
             continue  # too steep for differences
@@ -96,11 +96,7 @@ def test_gradients_of_the_parts_are_those_of_finite_differences(by_length):
             return float(2 * (found[0] + 0.3 * found[1] + 0.5 * found[2])[0, 0])
 
         found = gradients(state[:1], state[1:], LINK, p[None, None], np.full((1, 1), 2.0), 0.3, 0.5, by_length)[:, 0]
-        expected = np.empty_like(state)
-        for at in np.ndindex(state.shape):
-            aside = np.zeros(state.shape)
-            aside[at] = step
-            expected[at] = (value(state + aside) - value(state - aside)) / (2 * step)
+        expected = slopes(value, state, 1e-5)
         np.testing.assert_allclose(found, expected, atol=2e-5 * (1 + abs(expected).max()))
 
 
@@ -122,14 +118,6 @@ def states(robot, number, seed=0):
     low, high = np.maximum(robot.lower, -2.0), np.minimum(robot.upper, 2.0)
     Q = (low + high) / 2 + 0.4 * (high - low) * rng.uniform(-1, 1, (number, robot.n))
     return Q, rng.normal(size=(number, robot.n))
-
-
-@pytest.mark.parametrize("aggregate", ["max", "mean", "softmax"])
-def test_at_rest_it_is_the_static_danger(panda, aggregate):
-    field = DangerField(panda, POINTS, [1.0, 2.0, 0.5], aggregate=aggregate, k1=2.0)
-    Q, _ = states(panda, 6)
-    found = KinetostaticField(field).values(Q, np.zeros_like(Q))
-    np.testing.assert_allclose(found, field.values(Q), rtol=1e-12)
 
 
 def test_without_the_isotropic_part_it_is_the_danger_ahead(panda):
@@ -157,11 +145,9 @@ def test_gradients_are_those_of_finite_differences(robot_named, name, gamma, agg
     moving = KinetostaticField(DangerField(robot, POINTS, [1.0, 2.0, 0.5], **kind))
     Q, Qd = states(robot, 4, seed=2)
     _, by_q, by_qd = moving.values_and_gradients(Q, Qd)
-    for i, e in enumerate(1e-6 * np.eye(robot.n)):
-        slope = (moving.values(Q + e, Qd) - moving.values(Q - e, Qd)) / 2e-6
-        np.testing.assert_allclose(by_q[:, i], slope, atol=1e-5 * (1 + abs(by_q).max()))
-        slope = (moving.values(Q, Qd + e) - moving.values(Q, Qd - e)) / 2e-6
-        np.testing.assert_allclose(by_qd[:, i], slope, atol=1e-5 * (1 + abs(by_qd).max()))
+    for k, (q, qd) in enumerate(zip(Q, Qd, strict=True)):
+        expected = slopes(lambda state: moving.value(*state), np.array([q, qd]))
+        np.testing.assert_allclose([by_q[k], by_qd[k]], expected, atol=1e-5 * (1 + abs(expected).max()))
 
 
 def test_one_state_no_points_and_what_is_refused(panda):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
+from oracles.differences import slopes
 from scipy.integrate import quad
 
 from safe_ompl.danger import static
@@ -93,16 +94,6 @@ def quadrature(a, b, p):
     return math.fsum(parts) / length
 
 
-def differences(function, x, step=1e-6):
-    """Central differences of a scalar function of an array."""
-    slopes = np.empty(x.shape)
-    for index in np.ndindex(x.shape):
-        h = np.zeros(x.shape)
-        h[index] = step
-        slopes[index] = (function(x + h) - function(x - h)) / (2 * step)
-    return slopes
-
-
 # ---------------------------------------------------------------------------------------------------- values
 
 A, B = [0.1, 0.2, 0.3], [0.5, 0.2, 0.3]
@@ -174,13 +165,13 @@ def test_nothing_in_nothing_out(rng):
 
 
 @pytest.mark.parametrize("weighting", WEIGHTINGS)
-def test_gradients_against_differences(rng, weighting):
+def test_gradients_against_slopes(rng, weighting):
     keypoints, points, weights = arm(rng), rng.normal(size=(5, 3)), rng.uniform(size=(1, 5))
     for p, slope in zip(points, space_gradient(keypoints, ARM, points, weighting)[0], strict=True):
-        expected = differences(lambda x: field(keypoints, ARM, x[None], weighting)[0, 0], p)
+        expected = slopes(lambda x: field(keypoints, ARM, x[None], weighting)[0, 0], p)
         np.testing.assert_allclose(slope, expected, rtol=1e-7, atol=1e-8)
     gradient = keypoint_gradient(keypoints, ARM, points, weights, weighting)
-    expected = differences(lambda k: (weights * field(k, ARM, points, weighting)).sum(), keypoints)
+    expected = slopes(lambda k: (weights * field(k, ARM, points, weighting)).sum(), keypoints)
     np.testing.assert_allclose(gradient, expected, rtol=1e-7, atol=1e-8)
 
 
@@ -191,7 +182,7 @@ def test_keypoint_gradient_of_links_of_any_length(weighting, length):
     points, one = np.array([[0.5, 0.7, 0.9]]), np.ones((1, 1))
     gradient = keypoint_gradient(keypoints, ONE, points, one, weighting)
     step = min(1e-5, 1e-3 * length)
-    expected = differences(lambda k: field(k, ONE, points, weighting)[0, 0], keypoints, step)
+    expected = slopes(lambda k: field(k, ONE, points, weighting)[0, 0], keypoints, step)
     np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-8)
 
 

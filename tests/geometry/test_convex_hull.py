@@ -3,6 +3,7 @@
 import coal
 import numpy as np
 import pytest
+from oracles.coal_distances import coal_distance
 
 from safe_ompl import InputError, Mesh, Robot
 from safe_ompl.geometry import convex_hull, hull_planes
@@ -102,10 +103,7 @@ def test_flat_meshes_are_thickened_if_asked_for(name, caplog):
         hull = convex_hull(mesh(vertices), name, thickness=2e-4)
     assert f"mesh of {name} is flat: its hull is 0.2 mm thick" in caplog.text
     corners = np.array(hull.points())
-    ball, data = coal.Sphere(1e-5), coal.DistanceResult()
     for point in (*vertices, vertices.mean(axis=0)):
-        data.clear()
-        place = coal.Transform3s(np.eye(3), point)
-        depth = coal.distance(hull, coal.Transform3s(), ball, place, coal.DistanceRequest(), data)
+        depth = coal_distance(coal.Sphere(1e-5), point, hull)
         assert depth < -0.999e-5, "the middle of the ball is not outside"
     assert np.ptp(corners, axis=0).max() < np.ptp(vertices, axis=0).max() + 3e-4

@@ -7,6 +7,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from oracles.coal_distances import coal_distance
 
 from safe_ompl import PointCloud
 from safe_ompl.geometry import ConvexBodies, convex_hull, triangle_tree
@@ -63,9 +64,7 @@ def placed(shape, rng, reach):
 
 
 def coals(first, second):
-    places = [coal.Transform3s(part.placement.rotation, part.placement.translation) for part in (first, second)]
-    request = coal.DistanceRequest()
-    return coal.distance(first.geometry, places[0], second.geometry, places[1], request, coal.DistanceResult())
+    return coal_distance(first.geometry, first.placement, second.geometry, second.placement)
 
 
 @pytest.mark.parametrize(("name", "other"), list(combinations_with_replacement(SOLIDS, 2)))

@@ -7,6 +7,8 @@ import numpy as np
 import plyfile
 import pytest
 from hypothesis import given, settings, strategies as st
+from oracles.coal_distances import coal_distance
+from oracles.differences import slopes
 
 from safe_ompl import Box, Capsule, Cylinder, InputError, Mesh, Person, Sphere
 from safe_ompl.geometry import LIMBS, placed
@@ -45,11 +47,8 @@ def surface_samples(shape, count):
     rng = np.random.default_rng(0)
     points = rng.normal(size=(count, 3))
     points *= 2.0 / np.linalg.norm(points, axis=1)[:, None]
-    step = 1e-6
-    slope = [
-        (signed_distance(shape, points + d) - signed_distance(shape, points - d)) / (2 * step) for d in step * np.eye(3)
-    ]
-    return points - signed_distance(shape, points)[:, None] * np.array(slope).T
+    slope = slopes(lambda away: signed_distance(shape, points + away), np.zeros(3))
+    return points - signed_distance(shape, points)[:, None] * slope.T
 
 
 def distance_to_nearest(samples, points):
@@ -87,14 +86,7 @@ def test_collision_geometry_has_the_same_surface(shape):
     (part,) = shape.parts()
     probes = np.random.default_rng(1).uniform(-1.5, 1.5, (20, 3))
     for probe, expected in zip(probes, signed_distance(shape, probes), strict=True):
-        distance = coal.distance(
-            coal.Sphere(1e-4),
-            coal.Transform3s(np.eye(3), probe),
-            part.geometry,
-            coal.Transform3s(part.placement.rotation, part.placement.translation),
-            coal.DistanceRequest(),
-            coal.DistanceResult(),
-        )
+        distance = coal_distance(coal.Sphere(1e-4), probe, part.geometry, part.placement)
         if expected > 0:
             assert distance == pytest.approx(expected - 1e-4, abs=1e-4)
         else:
