@@ -409,7 +409,7 @@ def mutation(case: Case, seed: int, k: int) -> Any:
 
 def issued_anew(case: Case, document: dict[str, Any], robot: Robot, scene: Scene) -> dict[str, Any]:
     """Return the certificate of the same path for another robot, which travels as a document, in another scene."""
-    with mock.patch("safe_ompl.certificates.issue.carried_robot", return_value=document):
+    with mock.patch("safe_ompl.certificates.issue.embedded_robot", return_value=document):
         return case.reissue(robot, scene)
 
 

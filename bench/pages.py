@@ -47,7 +47,7 @@ from safe_ompl.drawing.drawn_scene import DrawnScene, best_view
 from safe_ompl.drawing.plots import plot_speeds
 from safe_ompl.drawing.viewer import save_page
 from safe_ompl.geometry import STANDING
-from safe_ompl.io import CarriedProblem, MotionRecord
+from safe_ompl.io import EmbeddedProblem, MotionRecord
 from safe_ompl.live.skeletons import find_skeleton
 from safe_ompl.planning import setup_scenario
 
@@ -168,7 +168,7 @@ def people_and_time() -> None:
     result = setup.plan("RRTConnect", time=5.0, seed=1)
     people = People(speed=1.0, reaction_time=0.1)
     trajectory = result.timed(RateLimits.of(robot, acceleration=[12.0] * 6), people=people)
-    record = MotionRecord.of(trajectory, CarriedProblem(robot, scene, None))
+    record = MotionRecord.of(trajectory, EmbeddedProblem(robot, scene, None))
     title = "Past a worker: speed, and what bounds it"
     plot_speeds(record.motion.times, record.speeds, record.bounds, record.binding, OUT / "speeds.png", title=title)
 
@@ -235,7 +235,7 @@ def viewer() -> None:
     result = plan(scenario, seed=0, simplify=True)
     limits = RateLimits.of(result.robot, acceleration=[8.0] * result.robot.n)
     trajectory = result.timed(limits, people=scenario.people)
-    problem = CarriedProblem(result.robot, result.scene, result.danger)
+    problem = EmbeddedProblem(result.robot, result.scene, result.danger)
     record = MotionRecord.of(trajectory, problem, name="SafeRRTConnect")
     from selenium import webdriver
     from selenium.webdriver.common.keys import Keys

@@ -40,7 +40,7 @@ from safe_ompl.common import (
     within,
 )
 from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField
-from safe_ompl.io import carried_robot, carried_scene, schema
+from safe_ompl.io import embedded_robot, embedded_scene, schema
 from safe_ompl.motions import Motion, MotionCheck, RateLimits, SmoothLaw, Trajectory
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario, Scene
@@ -176,8 +176,8 @@ def _issued(
         "format": schema.FORMAT,
         "version": schema.VERSION,
         "source": source or {},
-        "robot": carried_robot(robot),
-        "scene": carried_scene(scene),
+        "robot": embedded_robot(robot),
+        "scene": embedded_scene(scene),
         "joint_names": list(robot.joint_names),
         "stretches": stretches,
         **more,

@@ -17,7 +17,7 @@ from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import FloatArray, InputError, documents as document, finite_array
 from safe_ompl.danger import DangerField
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
-from safe_ompl.io import CarriedProblem, MotionRecord, built_robot, built_scene, read_ticks
+from safe_ompl.io import EmbeddedProblem, MotionRecord, built_robot, built_scene, read_ticks
 from safe_ompl.motions import Motion, MotionCheck
 from safe_ompl.planning import PlanResult
 from safe_ompl.planning.simplification import Curve, PathReport
@@ -160,7 +160,7 @@ class ViewerContent:
             lines.append("; ".join(descriptions) or "proven")
         speeds = np.linalg.norm(motion.derivative(times), axis=1) * pace
         moved = MotionRecord(
-            CarriedProblem(check.proof.checker.robot, check.proof.checker.scene, None),
+            EmbeddedProblem(check.proof.checker.robot, check.proof.checker.scene, None),
             Motion.through(motion.at(times), (times - times[0]) / pace),
             speeds,
             binding=tuple(names),
@@ -362,7 +362,7 @@ def _of_stages(robot: Robot, stages: Sequence[_Stage], title: str, danger: Mappi
     first = {name: obstacle.moved(places[0].get(name, obstacle.pose)) for name, obstacle in known.items()}
     scene = Scene(tuple(first.values()), stages[0].scene.spacing)
     steps = np.concatenate(times) - stages[0].begin
-    problem, moved = CarriedProblem(robot, scene, danger), Motion.through(np.vstack(rows), steps)
+    problem, moved = EmbeddedProblem(robot, scene, danger), Motion.through(np.vstack(rows), steps)
     shown = MotionRecord(problem, moved, np.concatenate(speeds), {}, tuple(kinds), title, tuple(remarks))
     movers = Movers(steps, {}, [{}] * len(steps), places) if shapes else None
     return ViewerContent(robot, scene, danger=danger, motions={title: shown}, movers=movers, title=title)
@@ -394,7 +394,7 @@ def read_recording(
         times = np.array([document.require(tick, "time") for tick in ticks], dtype=float)
         rows = finite_array([document.require(tick, "q") for tick in ticks], (None, robot.n), "q")
         record = MotionRecord(
-            CarriedProblem(robot, scene, None),
+            EmbeddedProblem(robot, scene, None),
             Motion.through(robot.unrolled(rows), times - times[0]),
             np.linalg.norm([document.require(tick, "qd") for tick in ticks], axis=1),
             binding=tuple(str(document.require(tick, "state")) for tick in ticks),

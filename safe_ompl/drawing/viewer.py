@@ -20,7 +20,7 @@ from safe_ompl.drawing.drawn_scene import DrawnScene, best_view
 from safe_ompl.drawing.path_view import BOARD_SHAPE, PathView
 from safe_ompl.drawing.style import planner_styles, rgb
 from safe_ompl.drawing.surfaces import RobotBody
-from safe_ompl.io import CarriedProblem, MotionRecord
+from safe_ompl.io import EmbeddedProblem, MotionRecord
 from safe_ompl.motions import Trajectory
 from safe_ompl.planning import PlanResult
 from safe_ompl.robot import Robot
@@ -75,7 +75,7 @@ def view(
     if isinstance(shown, Trajectory):
         if robot is None:
             raise InputError("a Trajectory does not contain its robot: give robot= and scene=", "view")
-        shown = MotionRecord.of(shown, CarriedProblem(robot, Scene() if scene is None else scene, None))
+        shown = MotionRecord.of(shown, EmbeddedProblem(robot, Scene() if scene is None else scene, None))
     if isinstance(shown, MotionRecord):
         shown = ViewerContent.of_motions([shown])
     elif isinstance(shown, ProgramResult):

@@ -218,6 +218,8 @@ def _unit_quaternion(value: Any) -> tuple[float, ...]:
     if isinstance(value, pin.Quaternion):
         value = value.coeffs()
     quaternion = document.numbers("quaternion_xyzw", value, 4)
+    # Most quaternions are unit quaternions, and math.hypot takes a small part of the time of np.linalg.norm. The two
+    # differ in the last bit of one norm in six, so other quaternions, and the hashes of scenes, keep NumPy's norm.
     if abs(math.hypot(*quaternion) - 1) <= _UNIT_ROUNDING:
         return quaternion
     norm = float(np.linalg.norm(quaternion))

@@ -10,13 +10,13 @@ from .motion_files import (
 )
 from .motions import ACCELERATION as ACCELERATION, MotionRecord as MotionRecord
 from .problems import (
-    CarriedProblem as CarriedProblem,
+    EmbeddedProblem as EmbeddedProblem,
     RobotDocument as RobotDocument,
     SceneDocument as SceneDocument,
     built_robot as built_robot,
     built_scene as built_scene,
-    carried_robot as carried_robot,
-    carried_scene as carried_scene,
+    embedded_robot as embedded_robot,
+    embedded_scene as embedded_scene,
 )
 from .schema import strict_json as strict_json, with_header as with_header
 from .ticks import (

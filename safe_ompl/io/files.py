@@ -11,7 +11,7 @@ import numpy as np
 from safe_ompl.common import Counts, InputError, documents as document, files, finite_array
 from safe_ompl.io.motion_files import motion_content, motion_of_document, read_motion
 from safe_ompl.io.motions import MotionRecord
-from safe_ompl.io.problems import CarriedProblem, built_scene, carried_scene
+from safe_ompl.io.problems import EmbeddedProblem, built_scene, embedded_scene
 from safe_ompl.io.schema import kind_of, strict_json, with_header
 from safe_ompl.motions import Motion, Trajectory
 from safe_ompl.planning import Improvement, PlanResult
@@ -25,7 +25,7 @@ def result_to_mapping(result: PlanResult, meshes: bool | None = None) -> dict[st
     """Convert a result to plain data, including its robot, scene and danger if it has them; `meshes` as in `save`."""
     about = None
     if result.robot is not None and result.scene is not None:
-        about = CarriedProblem(result.robot, result.scene, result.danger).to_mapping(meshes)
+        about = EmbeddedProblem(result.robot, result.scene, result.danger).to_mapping(meshes)
     return {**result.as_dict(), "problem": about}
 
 
@@ -39,7 +39,7 @@ def result_from_mapping(
     about = data.get("problem")
     scene = danger = None
     if about is not None:
-        robot, scene, danger = CarriedProblem.from_mapping(about, robot, package_dirs)
+        robot, scene, danger = EmbeddedProblem.from_mapping(about, robot, package_dirs)
     return PlanResult(
         status=document.text("status", document.require(data, "status")),
         path=None if path is None else finite_array(path, (None, len(names)), "path"),
@@ -122,7 +122,7 @@ def _saved(thing: Saveable, meshes: bool | None) -> dict[str, Any]:
     if isinstance(thing, ProgramResult):
         return with_header("motion", {**thing.as_dict(), **thing.motion.to_mapping()})
     if isinstance(thing, Scene):
-        return with_header("scene", {"scene": carried_scene(thing)})
+        return with_header("scene", {"scene": embedded_scene(thing)})
     if isinstance(thing, Motion):
         return with_header("motion", thing.to_mapping())
     return with_header("trajectory", thing.as_dict())

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, documents as document, finite_array, float_array, listed, shown
-from safe_ompl.io.problems import CarriedProblem
+from safe_ompl.io.problems import EmbeddedProblem
 from safe_ompl.motions import RATE, Motion, Trajectory
 from safe_ompl.robot import PackageDir, Robot
 
@@ -100,7 +100,7 @@ class MotionRecord:
 
     Parameters
     ----------
-    problem : CarriedProblem
+    problem : EmbeddedProblem
         Robot, scene and options of the danger field.
     motion : Motion
         A timed motion with T knots that begins at time 0.
@@ -121,7 +121,7 @@ class MotionRecord:
         If the lengths differ, or the motion is not timed from 0 on.
     """
 
-    problem: CarriedProblem
+    problem: EmbeddedProblem
     motion: Motion
     speeds: FloatArray
     bounds: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -141,7 +141,9 @@ class MotionRecord:
                 raise InputError(f"must have {count} entries, got {len(rows)}", key)
 
     @classmethod
-    def of(cls, trajectory: Trajectory, problem: CarriedProblem, *, rate: float = RATE, name: str = "") -> MotionRecord:
+    def of(
+        cls, trajectory: Trajectory, problem: EmbeddedProblem, *, rate: float = RATE, name: str = ""
+    ) -> MotionRecord:
         """Sample a trajectory with at least `rate` [Hz] points per second; the joints are linear in between."""
         times, states = trajectory.points(rate)
         cells, _, speeds, _ = trajectory.law.at(times * (trajectory.duration / times[-1]))
@@ -181,7 +183,7 @@ class MotionRecord:
         cls, data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[PackageDir] = ()
     ) -> MotionRecord:
         """Read the document that `safe-ompl plan --trajectory` writes; see `load`."""
-        problem = CarriedProblem.from_mapping(document.require(data, "problem"), robot, package_dirs)
+        problem = EmbeddedProblem.from_mapping(document.require(data, "problem"), robot, package_dirs)
         points = document.sequence("points", document.require(data, "points"))
         times, configurations = _points(points, problem.robot.n)
         bounds = document.mapping_of("bounds", document.require(data, "bounds"), document.sequence)

@@ -43,7 +43,7 @@ _DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
 # ---------------------------------------------------------------------------------------------------- writing
 
 
-def carried_robot(robot: Robot) -> dict[str, Any]:
+def embedded_robot(robot: Robot) -> dict[str, Any]:
     """Return a robot as plain data: name, hash, links without collision shapes, and recipe.
 
     The recipe is None if the robot is not built from plain data. A verification then needs the robot itself.
@@ -99,13 +99,13 @@ def _carried_text(path: Path | None) -> Any:
 
 
 def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
-    """Return a robot as `carried_robot` does, with the meshes of its URDFs. Equal meshes are stored once, by hash.
+    """Return a robot as `embedded_robot` does, with the meshes of its URDFs. Equal meshes are stored once, by hash.
 
     With `meshes` True all meshes are stored, with False none. By default collision meshes are stored if they have at
     most `SMALL` characters, then visual meshes if both together do. A warning is logged if collision meshes are left
     out because of their size.
     """
-    carried = carried_robot(robot)
+    carried = embedded_robot(robot)
     if meshes is False or carried["recipe"] is None:
         return carried
     sources = [pair for pair in _sources(robot.spec.resolved(), carried["recipe"]) if "text" in pair[1]]
@@ -180,7 +180,7 @@ class _File(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class RobotDocument(Section):
-    """A robot in a document; see `carried_robot` and `packed_robot`."""
+    """A robot in a document; see `embedded_robot` and `packed_robot`."""
 
     name: str = key(document.line)
     hash: str = key(document.sha)
@@ -287,7 +287,7 @@ class SceneDocument(Section):
             schema.check_carried("obstacles", content.get("obstacles", ()), self.files)
 
 
-def carried_scene(scene: Scene) -> dict[str, Any]:
+def embedded_scene(scene: Scene) -> dict[str, Any]:
     """Return a scene as plain data. Raise InputError if one of its files is gone or has changed since it was read."""
     content = scene.to_mapping()
     files = schema.carried_objects(content.get("obstacles", []))
@@ -318,7 +318,7 @@ def built_scene(carried: Any) -> Scene:
     return scene
 
 
-class CarriedProblem(NamedTuple):
+class EmbeddedProblem(NamedTuple):
     """Robot, scene, and the options of the danger field."""
 
     robot: Robot
@@ -329,14 +329,14 @@ class CarriedProblem(NamedTuple):
         """Return the problem as plain data, which `from_mapping` reads; `meshes` as in `packed_robot`."""
         return {
             "robot": packed_robot(self.robot, meshes),
-            "scene": carried_scene(self.scene),
+            "scene": embedded_scene(self.scene),
             "danger": None if self.danger is None else dict(self.danger),
         }
 
     @classmethod
     def from_mapping(
         cls, data: object, robot: Robot | None = None, package_dirs: Sequence[PackageDir] = ()
-    ) -> CarriedProblem:
+    ) -> EmbeddedProblem:
         """Read a problem from a document. Without `robot` the robot is built from its recipe. Errors as of `load`."""
         with document.within("problem"):
             carried = document.mapping("carried", data)

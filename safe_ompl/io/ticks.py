@@ -50,7 +50,7 @@ from typing import Any, Protocol
 
 from safe_ompl.common import InputError, documents as document, files
 from safe_ompl.io import schema
-from safe_ompl.io.problems import carried_scene, packed_robot
+from safe_ompl.io.problems import embedded_scene, packed_robot
 from safe_ompl.io.schema import strict_json
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -67,7 +67,7 @@ def ticks_header(tick: float, robot: Robot, scene: Scene, moving: Mapping[str, A
         "tick": tick,
         "joint_names": list(robot.joint_names),
         "robot": packed_robot(robot),
-        "scene": carried_scene(scene),
+        "scene": embedded_scene(scene),
         "made_by": {name: version(name) for name in _MAKERS},
         **moving,
     }

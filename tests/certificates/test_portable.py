@@ -16,7 +16,7 @@ from signing import replaced, signed, travelled
 from safe_ompl import CertificateError, InputError, Scenario, Scene
 from safe_ompl.certificates import certificate, terms_of, verify
 from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Person, PointCloud, Pose, Sphere
-from safe_ompl.io import built_robot, built_scene, carried_robot, carried_scene
+from safe_ompl.io import built_robot, built_scene, embedded_robot, embedded_scene
 from safe_ompl.io.schema import unpack
 from safe_ompl.robot import Robot, robot_hash
 
@@ -60,7 +60,7 @@ def everything(files):
 
 
 def test_a_scene_of_all_kinds_travels_without_its_files(everything, files):
-    carried = travelled(carried_scene(everything))
+    carried = travelled(embedded_scene(everything))
     shutil.rmtree(files)
     arrived = built_scene(carried)
     assert arrived.content_hash() == everything.content_hash()
@@ -82,14 +82,14 @@ def test_a_scene_of_all_kinds_travels_without_its_files(everything, files):
     ],
 )
 def test_scenes_that_cannot_be_read(everything, tmp_path, change, message):
-    carried = {**travelled(carried_scene(everything)), **change}
+    carried = {**travelled(embedded_scene(everything)), **change}
     with pytest.raises(InputError, match=message):
         built_scene(carried)
     assert not (tmp_path.parent / "0.npy").exists()
 
 
 def test_another_scene_or_file_does_not_pass_for_the_one_of_the_hash(everything, files):
-    carried = travelled(carried_scene(everything))
+    carried = travelled(embedded_scene(everything))
     assert sorted(carried["files"]) == ["0.npy", "1.obj", "2.obj"]
     wedge = (files / "wedge.obj").read_bytes().replace(b"1", b"2")
     for change in (
@@ -105,10 +105,10 @@ def test_another_scene_or_file_does_not_pass_for_the_one_of_the_hash(everything,
 def test_a_file_that_has_changed_or_gone_is_not_carried(everything, files):
     np.save(files / "points.npy", np.ones((3, 3)))
     with pytest.raises(InputError, match="has changed since it was read"):
-        carried_scene(everything)
+        embedded_scene(everything)
     (files / "points.npy").unlink()
     with pytest.raises(InputError, match=r"points.npy: cannot be carried in a document \(No such file"):
-        carried_scene(everything)
+        embedded_scene(everything)
 
 
 # ------------------------------------------------------------------------------------------------------ robot
@@ -153,7 +153,7 @@ def robots(robot_files, ur5):
 @pytest.fixture(scope="module")
 def carried(robots, robot_files):
     """Return what is carried of each robot, after its files have gone."""
-    found = {name: travelled(carried_robot(robot)) for name, robot in robots.items()}
+    found = {name: travelled(embedded_robot(robot)) for name, robot in robots.items()}
     shutil.rmtree(robot_files)
     return found
 
@@ -208,7 +208,7 @@ def test_what_is_no_recipe(carried, kind, change, message):
 
 def test_models_of_pinocchio_are_no_plain_data(ur5):
     robot = Robot.from_models(ur5.model, ur5.collision_model, tip="tool0", base=TURNED)
-    assert carried_robot(robot)["recipe"] is None
+    assert embedded_robot(robot)["recipe"] is None
 
 
 @pytest.mark.parametrize(
@@ -226,7 +226,7 @@ def test_models_of_pinocchio_are_no_plain_data(ur5):
 )
 def test_robots_that_cannot_be_built(ur5, change, message):
     with pytest.raises(InputError, match=message):
-        built_robot({**travelled(carried_robot(ur5)), **change})
+        built_robot({**travelled(embedded_robot(ur5)), **change})
 
 
 # ------------------------------------------------------------------------------------------------ certificates
@@ -276,7 +276,7 @@ def test_links_without_collision_geometry_are_named(written, ur5, clutter, monke
 def arm_with_mesh(name):
     """Return what is carried of an arm with a mesh of this name in the place of a shape."""
     text = (ROBOTS / "planar2.urdf").read_text()
-    carried = travelled(carried_robot(Robot.from_urdf(ROBOTS / "planar2.urdf")))
+    carried = travelled(embedded_robot(Robot.from_urdf(ROBOTS / "planar2.urdf")))
     shape = re.search("<collision>.*?(<geometry>.*?)</geometry>", text, re.DOTALL).group(1)
     carried["recipe"]["urdf"]["text"] = text.replace(shape, f'<geometry><mesh filename="{name}"/>')
     return carried
@@ -310,7 +310,7 @@ def test_a_carried_urdf_reads_no_other_file(files, monkeypatch):
     ],
 )
 def test_texts_that_grow_when_they_are_read(change, message):
-    carried = travelled(carried_robot(Robot.from_urdf(ROBOTS / "planar2.urdf")))
+    carried = travelled(embedded_robot(Robot.from_urdf(ROBOTS / "planar2.urdf")))
     carried["recipe"]["urdf"]["text"] = change(carried["recipe"]["urdf"]["text"])
     with pytest.raises(InputError, match=f"recipe.urdf.text: .*{message}"):
         built_robot(carried)
@@ -329,7 +329,7 @@ def test_files_that_grow_when_they_are_unpacked(tmp_path, monkeypatch):
 def test_a_carried_mesh_names_no_other_file(everything, files, tmp_path):
     named = tmp_path / "named"
     named.mkdir()
-    carried = travelled(carried_scene(everything))
+    carried = travelled(embedded_scene(everything))
     wedge = (files / "wedge.obj").read_bytes()
     for line in (b"mtllib /etc/hostname\n", b"  MTLLIB a\n", b"mtl\\\nlib /etc/hostname\n"):
         unpack({"a.obj": packed(line + wedge)}, named)

@@ -10,7 +10,7 @@ from safe_ompl.apps import main
 from safe_ompl.drawing import ViewerContent, read_recording, save_animation
 from safe_ompl.drawing.plots import plot_speeds
 from safe_ompl.geometry import STANDING
-from safe_ompl.io import CarriedProblem, MotionRecord, carried_robot, carried_scene, strict_json, with_header
+from safe_ompl.io import EmbeddedProblem, MotionRecord, embedded_robot, embedded_scene, strict_json, with_header
 
 TICK = 0.1
 
@@ -23,7 +23,7 @@ def trajectory(ur5, beside_a_worker):
 
 @pytest.fixture(scope="module")
 def record(ur5, beside_a_worker, trajectory):
-    problem = CarriedProblem(ur5, beside_a_worker.scene, None)
+    problem = EmbeddedProblem(ur5, beside_a_worker.scene, None)
     return MotionRecord.of(trajectory, problem, rate=50.0, name="SafeRRTConnect")
 
 
@@ -33,7 +33,7 @@ def recording(ur5, tmp_path_factory):
     box = Obstacle("box", Box((0.1, 0.1, 0.1)), Pose((0.0, 0.8, 0.0)))
     scene = Scene((box, Obstacle("wall", Box((0.1, 2.0, 1.0)), Pose((-1.5, 0.0, 0.0)))))
     known = {"format": "safe-ompl ticks", "version": 2, "tick": TICK, "joint_names": list(ur5.joint_names)}
-    carried = {"robot": carried_robot(ur5), "scene": carried_scene(scene)}
+    carried = {"robot": embedded_robot(ur5), "scene": embedded_scene(scene)}
     lines = [{**known, **carried, "people": {"anna": {"height": 1.75, "limbs": []}}, "objects": {"box": 0.5}}]
     near = {"distance": 0.3, "link": "wrist", "who": "anna", "limb": "right_hand", "reason": "she is near"}
     for k in range(10):

@@ -14,7 +14,7 @@ from safe_ompl import Box, Motion, Obstacle, Pose, Robot, Scene
 from safe_ompl.drawing import ViewerContent, save_page
 from safe_ompl.drawing.content import Movers
 from safe_ompl.geometry import STANDING
-from safe_ompl.io import CarriedProblem, MotionRecord
+from safe_ompl.io import EmbeddedProblem, MotionRecord
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 OPTIONS = (
@@ -61,7 +61,7 @@ def drive(robot, scene, path):
     shares = np.linspace(0.0, 1.0, 9)[:, None]
     states = ("moving",) * 6 + ("braking",) * 2 + ("standing",)
     moved = Motion.through(path[0] + shares * (path[1] - path[0]), times)
-    motion = MotionRecord(CarriedProblem(robot, scene, None), moved, np.ones(9), {}, states)
+    motion = MotionRecord(EmbeddedProblem(robot, scene, None), moved, np.ones(9), {}, states)
     body = {name: 1.75 * np.array(point) + [1.2, 0.0, -0.5] for name, point in STANDING.items()}
     walk = [{"anna": {name: np.add(p, [0.0, 0.2 * k, 0.0]).tolist() for name, p in body.items()}} for k in range(9)]
     movers = Movers(times, {"anna": 1.75}, walk, [{}] * 9)

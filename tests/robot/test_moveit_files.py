@@ -9,7 +9,7 @@ import yaml
 
 from safe_ompl import InputError, RateLimits, Robot, Scenario
 from safe_ompl.common.errors import warn_once
-from safe_ompl.io.problems import built_robot, carried_robot
+from safe_ompl.io.problems import built_robot, embedded_robot
 from safe_ompl.robot import RobotSpec, robot_hash
 
 ONE, TWO = "panda_joint1", "panda_joint2"
@@ -65,7 +65,7 @@ def test_limits_travel(limits_file, tmp_path):
     robot = Robot.from_example("panda", joint_limits=file)
     assert RobotSpec.from_mapping(robot.spec.to_mapping(tmp_path), tmp_path) == robot.spec
     assert robot.spec.to_mapping(tmp_path)["joint_limits"] == "joint_limits.yaml"
-    carried = carried_robot(robot)
+    carried = embedded_robot(robot)
     file.unlink()
     assert robot_hash(built_robot(carried)) == robot_hash(robot) != robot_hash(Robot.from_example("panda"))
     given = robot.with_limits({TWO: (-1.5, 1.5)}).with_accelerations({ONE: 1.0})
@@ -176,7 +176,7 @@ def test_soft_limits_are_limits(crank_like, safety, limits):
     """As in MoveIt, but that gains alone leave a joint its range; what travels keeps them."""
     robot = Robot.from_urdf(crank_like(f"<safety_controller {safety}/>"))
     assert [robot.lower[0], robot.upper[0]] == limits
-    assert robot_hash(built_robot(carried_robot(robot))) == robot_hash(robot)
+    assert robot_hash(built_robot(embedded_robot(robot))) == robot_hash(robot)
     assert [*robot.with_limits({"shoulder": (-1, 1)}).lower] == [-1.0, -np.pi]
 
 
@@ -242,7 +242,7 @@ def test_packages_have_names(crank_like, tmp_path, data_folder, caplog):
     said = robot.spec.to_mapping(tmp_path)
     assert said["package_dirs"] == [{"arm_description": "elsewhere/checkout"}]
     assert RobotSpec.from_mapping(said, tmp_path) == robot.spec
-    carried = carried_robot(robot)
+    carried = embedded_robot(robot)
     with caplog.at_level(logging.ERROR):
         assert robot_hash(built_robot(carried, package_dirs=robot.spec.package_dirs)) == robot_hash(robot)
     for wrong, words in (

@@ -7,7 +7,7 @@ import pytest
 from self_pairs import self_pairs
 
 from safe_ompl import InputError, Robot
-from safe_ompl.io.problems import built_robot, carried_robot
+from safe_ompl.io.problems import built_robot, embedded_robot
 from safe_ompl.robot import RobotSpec, robot_hash
 
 XACRO = '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
@@ -55,7 +55,7 @@ def test_xacro_is_expanded(macros, data_folder, tmp_path):
     spec = RobotSpec(urdf=macros, tip="hand", xacro_args={"prefix": 2})
     assert [robot.name, Robot(spec).name] == ["left_arm", "2arm"]
     assert RobotSpec.from_mapping(spec.to_mapping(scenario), scenario) == spec
-    carried = carried_robot(robot)
+    carried = embedded_robot(robot)
     assert "xacro:" not in carried["recipe"]["urdf"]["text"]
     hashes = {robot_hash(one) for one in (plain, robot, built_robot(carried), pickle.loads(pickle.dumps(robot)))}
     assert len(hashes) == 1
@@ -79,7 +79,7 @@ def test_an_srdf_in_xacro_is_expanded(data_folder, tmp_path):
     pairs = self_pairs(robot)
     assert frozenset(("base_0", "lower_0")) not in pairs
     assert frozenset(("base_0", "hand_0")) in pairs
-    carried = carried_robot(robot)
+    carried = embedded_robot(robot)
     assert robot_hash(built_robot(carried)) == robot_hash(robot)
     carried["recipe"]["srdf"]["text"] = srdf.read_text()
     with pytest.raises(InputError, match="not yet a SRDF"):
@@ -88,7 +88,7 @@ def test_an_srdf_in_xacro_is_expanded(data_folder, tmp_path):
 
 def test_what_others_sent_is_never_expanded(macros):
     """Expressions of xacro are Python."""
-    carried = carried_robot(Robot.from_urdf(macros, tip="hand", xacro_args={"prefix": ""}))
+    carried = embedded_robot(Robot.from_urdf(macros, tip="hand", xacro_args={"prefix": ""}))
     carried["recipe"]["urdf"]["text"] = macros.read_text()
     with pytest.raises(InputError, match="not yet a URDF"):
         built_robot(carried)
@@ -170,7 +170,7 @@ def test_meshes_that_xacro_named_on_another_machine(workspace, tmp_path, name):
     with pytest.raises(InputError, match=f"collision mesh '{name}' not found"):
         Robot.from_urdf(lonely)
     robot = Robot.from_urdf(lonely, package_dirs=[tmp_path / "src"])
-    carried = carried_robot(robot)
+    carried = embedded_robot(robot)
     assert robot_hash(built_robot(carried, package_dirs=[tmp_path / "src"])) == robot_hash(robot)
 
 

@@ -19,7 +19,7 @@ from safe_ompl.apps.cli.verify import certificate_of, source_of
 from safe_ompl.certificates import motion_certificate
 from safe_ompl.common import FloatArray, InputError, documents as document, files
 from safe_ompl.drawing import ViewerContent, plots, save_page
-from safe_ompl.io import WRITABLE, CarriedProblem, MotionRecord, motion_content, read_log, read_motion
+from safe_ompl.io import WRITABLE, EmbeddedProblem, MotionRecord, motion_content, read_log, read_motion
 from safe_ompl.motions import (
     FACTOR,
     TIME,
@@ -301,7 +301,7 @@ def _retime(
         output.write_json(options.certificate, proof)
     written = show_timed(trajectory, result, setup, scenario, options)
     if options.html:
-        problem = CarriedProblem(robot, setup.scene, setup.danger_options)
+        problem = EmbeddedProblem(robot, setup.scene, setup.danger_options)
         moved = MotionRecord.of(trajectory, problem, name=name)
         save_page(ViewerContent.of_motions([moved], title=name), options.html)
     return 0 if written else 1

@@ -198,7 +198,7 @@ def show_timed(
     if options.trajectory:
         assert result.robot is not None
         assert result.scene is not None
-        rate, problem = options.rate or motions.RATE, io.CarriedProblem(result.robot, result.scene, result.danger)
+        rate, problem = options.rate or motions.RATE, io.EmbeddedProblem(result.robot, result.scene, result.danger)
         motion_record = io.MotionRecord.of(trajectory, problem, rate=rate, name=result.planner)
         # The document is a JointTrajectory with additional keys that `safe-ompl view` needs.
         content = io.with_header("trajectory", {**trajectory.as_dict(rate), **motion_record.to_mapping()})
