@@ -1,5 +1,7 @@
 """Pictures of robots: what they show, where they are taken from, and what they refuse."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ pytest.importorskip("matplotlib")
 import coal
 from matplotlib.image import imread
 
-from safe_ompl import Box, InputError, Obstacle, PlanResult, Pose, Robot, Scene, Sphere
+from safe_ompl import Box, InputError, Obstacle, PlanResult, Pose, Robot, Scenario, Scene, Sphere
 from safe_ompl.drawing import render_comparison, render_path
 from safe_ompl.drawing.drawn_scene import Camera, DrawnScene, best_view, in_picture
 from safe_ompl.drawing.renderer import Renderer, tone_mapped
@@ -17,21 +19,6 @@ from safe_ompl.drawing.surfaces import RobotBody, Surface, tessellate
 from safe_ompl.geometry import surfaces
 
 SMALL = (96, 72)
-ARM = """
-<robot name="arm">
-  <link name="base"/>
-  <link name="upper"><collision><origin xyz="0.2 0 0" rpy="0 1.5708 0"/>
-    <geometry><cylinder radius="0.04" length="0.4"/></geometry></collision></link>
-  <link name="lower"><collision><origin xyz="0.15 0 0"/>
-    <geometry><box size="0.3 0.05 0.05"/></geometry></collision></link>
-  <link name="tip"/>
-  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
-    <axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
-  <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0.4 0 0"/>
-    <axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
-  <joint name="wrist" type="fixed"><parent link="lower"/><child link="tip"/><origin xyz="0.3 0 0"/></joint>
-</robot>
-"""
 PATH = np.array([[-1.2, 0.3], [-0.4, 1.0], [0.9, 0.5]])
 
 
@@ -46,10 +33,8 @@ def choose_camera(robot, scene, paths):
 
 
 @pytest.fixture(scope="module")
-def planar(tmp_path_factory):
-    file = tmp_path_factory.mktemp("arm") / "arm.urdf"
-    file.write_text(ARM)
-    return Robot.from_urdf(file, tip="tip")
+def planar():
+    return Scenario.load("planar2").build_robot()
 
 
 @pytest.fixture(scope="module")
@@ -144,8 +129,9 @@ def test_what_is_behind_the_camera_is_not_drawn():
 
 
 def test_a_robot_is_drawn_by_its_visual_shapes_or_as_it_collides(tmp_path):
-    file = tmp_path / "arm.urdf"
-    for written in (ARM, ARM.replace("<collision>", "<visual>", 1).replace("</collision>", "</visual>", 1)):
+    file, text = tmp_path / "arm.urdf", Scenario.load("planar2").robot.urdf.read_text()
+    visuals, half = re.compile("<visual>.*</visual>"), text.index('<link name="link2">')
+    for written in (visuals.sub("", text), text[:half] + visuals.sub("", text[half:])):
         file.write_text(written)
         body = RobotBody(Robot.from_urdf(file, tip="tip"))
         extent = np.ptp(body.posed(np.zeros(2)).vertices, axis=0)

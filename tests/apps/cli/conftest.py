@@ -1,8 +1,24 @@
 """The command line as a function."""
 
+import shutil
+
 import pytest
 
 from safe_ompl.apps import main
+from safe_ompl.scene import find_scenario
+
+
+@pytest.fixture(scope="session")
+def copied():
+    """Return a function that copies a scenario of the package and its robots to a folder, and returns its text."""
+
+    def copy(name, folder):
+        source = find_scenario(name).resolve()
+        shutil.copytree(source.parent / "robots", folder / "robots")
+        shutil.copy(source, folder)
+        return source.read_text()
+
+    return copy
 
 
 @pytest.fixture
@@ -35,9 +51,9 @@ def says(call):
 def refuses(call):
     """Return a function that fails unless a command line is refused, in one line that holds all of some words."""
 
-    def check(line, *words):
-        status, out, err = call(*(line.split() if isinstance(line, str) else line))
-        assert (status, out) == (2, ""), err
+    def check(line, *words, status=2):
+        found, out, err = call(*(line.split() if isinstance(line, str) else line))
+        assert (found, out) == (status, ""), err
         assert len(err.splitlines()) == 1, err
         assert err.startswith("safe-ompl: ")
         for word in words:

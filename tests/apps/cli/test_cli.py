@@ -6,6 +6,7 @@ import dataclasses
 import json
 import logging
 import re
+import shutil
 import threading
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from safe_ompl.apps import main
 from safe_ompl.apps.benchmark import BASELINE, Summary, failure
 from safe_ompl.apps.cli import compare, output
 from safe_ompl.drawing import pictures, render_comparison, render_path
+from safe_ompl.scene import find_scenario
 
 RECORD = (
     "scenario robot planner seed status solved setup_time planning_time simplification_time report_time joint_names "
@@ -28,34 +30,18 @@ SAVED = f"format version kind {RECORD} problem"
 DANGER = {"mean", "max", "max_bound", "integral", "avoidable", "profile"}
 CLEARANCE = {"min", "mean", "length_below_50mm", "link", "obstacle", "at", "obstacles"}
 
-LINK = """
-  <link name="link{k}">
-    <collision><origin xyz="0.2 0 0"/><geometry><box size="0.4 0.06 0.06"/></geometry></collision>
-  </link>
-  <joint name="joint{k}" type="revolute">
-    <parent link="{parent}"/><child link="link{k}"/><origin xyz="{x} 0 0"/><axis xyz="0 0 1"/>
-    <limit lower="-2.9" upper="2.9" effort="1" velocity="1"/>
-  </joint>"""
-URDF = (
-    '<robot name="arm">\n  <link name="base"/>'
-    + LINK.format(k=1, parent="base", x=0)
-    + LINK.format(k=2, parent="link1", x=0.4)
-    + '\n  <link name="tool"/>\n  <joint name="flange" type="fixed">'
-    + '<parent link="link2"/><child link="tool"/><origin xyz="0.4 0 0"/></joint>\n</robot>\n'
-)
-SRDF = '<robot name="arm"><disable_collisions link1="link1" link2="link2" reason="Adjacent"/></robot>\n'
-
 SCENARIO = """\
 name: test
-robot: {urdf: arm.urdf, srdf: arm.srdf, tip: tool}
+robot: {urdf: arm.urdf, srdf: arm.srdf, tip: tip}
 start: {joint1: 1.2, joint2: 0.2}
 goal:
   configuration: {joint1: -1.2, joint2: -0.2}
 scene:
   spacing: 0.05
   obstacles:
-    - {name: person, sphere: {radius: 0.1}, position: [0.62, 0.0, 0.0], weight: 1}
+    - {name: person, sphere: {radius: 0.1}, position: [0.72, 0.0, 0.0], weight: 1}
     - {name: post, box: {size: [0.1, 0.1, 0.3]}, position: [-0.6, 0.0, 0.0]}
+planners: {SafeRRTConnect: {alpha: 1}}
 time: 2.0
 """
 
@@ -63,8 +49,8 @@ time: 2.0
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """Return a folder, made the current one, with a robot and the scenario file ``test.yaml``."""
-    (tmp_path / "arm.urdf").write_text(URDF)
-    (tmp_path / "arm.srdf").write_text(SRDF)
+    for kind in ("urdf", "srdf"):
+        shutil.copy(find_scenario("planar2").resolve().parent / f"robots/planar2.{kind}", tmp_path / f"arm.{kind}")
     (tmp_path / "test.yaml").write_text(SCENARIO)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -122,7 +108,7 @@ def test_plan_writes_json_to_standard_output_and_nothing_else(run):
     record = strict(out)
     assert (status, [line for line in err.splitlines() if "compiling kernels" not in line]) == (0, [])
     assert set(record) == set(SAVED.split())
-    assert (record["scenario"], record["robot"], record["seed"]) == ("test", "arm", 3)
+    assert (record["scenario"], record["robot"], record["seed"]) == ("test", "planar2", 3)
     assert record["planner"] == "SafeRRTConnect"
     assert record["joint_names"] == ["joint1", "joint2"]
     assert record["path"][0] == [1.2, 0.2]
@@ -133,7 +119,7 @@ def test_plan_writes_json_to_standard_output_and_nothing_else(run):
 
 @pytest.mark.usefixtures("quick_renderer")
 def test_plan_shows_a_table_beside_files(says, folder):
-    words = ("test · arm", "RRTConnect", "Exact solution", "certified: no collision", "danger mean", "clearance ")
+    words = ("test · planar2", "RRTConnect", "Exact solution", "certified: no collision", "danger mean", "clearance ")
     says("plan test.yaml --planner RRTConnect --json result.json --plot path.png", *words)
     assert (folder / "path.png").read_bytes().startswith(b"\x89PNG")
     assert strict((folder / "result.json").read_text())["planner"] == "RRTConnect"
@@ -334,7 +320,7 @@ def test_plan_takes_the_best_of_several_starts(says):
 
 FREE: dict[str, Any] = {
     **{"index": 4, "start": [0.2, 1.2], "goals": [[-0.2, -1.2]], "box": [], "cylinder": []},
-    "sphere": [{"name": "s", "radius": 0.1, "position": [0.62, 0, 0], "orientation_quat_xyzw": [0, 0, 0, 1]}],
+    "sphere": [{"name": "s", "radius": 0.1, "position": [0.72, 0, 0], "orientation_quat_xyzw": [0, 0, 0, 1]}],
 }
 
 
@@ -342,7 +328,7 @@ FREE: dict[str, Any] = {
 def problems(folder):
     """Return a file with two families; its joints are in another order than the robot's."""
     families = {
-        "easy": [FREE, {**FREE, "index": 5, "goals": [[-0.2, -2.95]]}],
+        "easy": [FREE, {**FREE, "index": 5, "goals": [[-0.2, -3.15]]}],
         "bad": [{**FREE, "start": [0.0, 0.0]}, {**FREE, "goals": [[9.0, 0.0]]}, {"index": 6}],
     }
     (folder / "empty.json").write_text(json.dumps({"robot": "panda", "problems": {"easy": []}}))
@@ -364,10 +350,10 @@ def test_mbm_writes_a_line_for_each_problem_bad_ones_too(run, problems, workers)
     assert [(line["family"], line["index"]) for line in lines[:2]] == [("easy", 4), ("easy", 5)]
     for line in lines[:2]:
         assert_solved_record(line)
-        assert (line["robot"], line["seed"]) == ("arm", 2)
+        assert (line["robot"], line["seed"]) == ("planar2", 2)
         assert line["joint_names"] == ["joint1", "joint2"]
         assert line["path"][0] == [1.2, 0.2]
-    expected = ("start is in collision", "'link2' touches 's'"), ("goals[0]", "'joint2' = 9", "[-2.9, 2.9]")
+    expected = ("start is in collision", "'link2' touches 's'"), ("goals[0]", "'joint2' = 9", "[-2.6, 2.6]")
     for line, words in zip(lines[2:], (*expected, ("problems.bad[2]", "missing")), strict=True):
         assert not line["solved"]
         assert line["status"].startswith("Invalid input: ")
@@ -382,14 +368,14 @@ def test_mbm_ends_on_ctrl_c(run, problems, monkeypatch):
 
 
 def test_mbm_takes_files_that_name_no_joints(run, folder):
-    problems = [{**FREE, "start": [1.2, 0.2], "goals": goals} for goals in ([[-1, 0], [-1]], [[-2.95, 0]])]
+    problems = [{**FREE, "start": [1.2, 0.2], "goals": goals} for goals in ([[-1, 0], [-1]], [[-3.15, 0]])]
     (folder / "nameless.json").write_text(json.dumps({"problems": {"easy": problems}}))
     status, out, _ = run("mbm", "nameless.json", *ARM)
     first, second = (strict(line) for line in out.splitlines())
     assert status == 1
     assert "goals[1]" in first["status"]
     assert second["solved"]
-    assert second["widened_limits"] == {"joint1": [-2.95, 2.9]}
+    assert second["widened_limits"] == {"joint1": [-3.15, 3.1]}
 
 
 # ---------------------------------------------------------------------------------------------------- lists
@@ -484,12 +470,12 @@ def test_where_nothing_is_dangerous_danger_is_zero(says, folder, monkeypatch, co
 MOVING = "limits: {moving: {speeds: {%s}, time: %s}}"
 BAD_SCENARIOS = [
     ("time: 2.0", "tine: 2.0", "tine", "did you mean 'time'"),
-    ("joint1: 1.2", "joint1: 7", "start", "'joint1'", "7", "[-2.9, 2.9]"),
+    ("joint1: 1.2", "joint1: 7", "start", "'joint1'", "7", "[-3.1, 3.1]"),
     ("1.2, joint2: 0.2", "0, joint2: 0", "start", "collision", "'link2'", "'person'"),
     ("-1.2, joint2: -0.2", "0, joint2: 0", "goal", "collision", "'link2'", "'person'"),
     ("time: 2.0", "danger: {aggregate: sum}", "aggregate", "'sum'", "max"),
-    ("time: 2.0", "planners: {Fly: {}}", "planners", "'Fly'"),
-    ("time: 2.0", "planners: {SafeRRTConnect: {alfa: 1}}", "'alfa'"),
+    ("SafeRRTConnect: {alpha: 1}", "Fly: {}", "planners", "'Fly'"),
+    ("alpha", "alfa", "'alfa'"),
     ("time: 2.0", MOVING % ("persn: 1", 1), "'persn'", "did you mean 'person'"),
     ("time: 2.0", MOVING % ("person: 9", 9), "'person' may move 81000 mm, and come to"),
 ]
@@ -504,13 +490,13 @@ def test_bad_scenarios(refuses, folder, row):
 
 
 def test_a_path_is_free_whatever_moving_obstacles_do(says, folder):
-    (folder / "moving.yaml").write_text(SCENARIO + MOVING % ("person: 0.2, post: 0.05", 0.5))
+    (folder / "moving.yaml").write_text(SCENARIO + MOVING % ("person: 0.1, post: 0.05", 0.5))
     says("plan moving.yaml --json result.json --certificate proof.json", "moving obstacles")
     result, proof = (strict((folder / f"{name}.json").read_text()) for name in ("result", "proof"))
-    claimed = {"speeds": {"person": 0.2, "post": 0.05}, "time": 0.5}
+    claimed = {"speeds": {"person": 0.1, "post": 0.05}, "time": 0.5}
     assert result["moving_obstacles"] == proof["stretches"][0]["moving_obstacles"] == claimed
-    says("verify proof.json moving.yaml", "the same while obstacles move no faster than person 0.2 m/s")
-    assert result["clearance"]["obstacles"]["person"] >= 0.1
+    says("verify proof.json moving.yaml", "the same while obstacles move no faster than person 0.1 m/s")
+    assert result["clearance"]["obstacles"]["person"] >= 0.05
 
 
 def test_checking_an_output_file_leaves_it_alone(refuses, folder):
