@@ -24,15 +24,20 @@ def test_unknown_names_are_no_attributes():
         safe_ompl.SafeOMPL  # noqa: B018
 
 
+def printed(program):
+    """Return what a program prints in a process of its own."""
+    return subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout
+
+
+def loaded_by(program):
+    """Return the names of the modules that a program has imported at its end."""
+    return set(printed(f"import sys; {program}; print(*sys.modules)").split())
+
+
 def test_packages_that_planning_does_not_need_are_imported_later():
-    code = (
-        "import sys, safe_ompl\n"
-        "later = ('safe_ompl.apps.benchmark', 'safe_ompl.live.replanning', 'safe_ompl.io', 'safe_ompl.drawing')\n"
-        "assert not set(later) & set(sys.modules), set(later) & set(sys.modules)\n"
-        "from safe_ompl import Benchmark, Replanner\n"
-        "assert 'safe_ompl.live.replanning' in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
+    later = {f"safe_ompl.{name}" for name in ("apps.benchmark", "live.replanning", "io", "drawing")}
+    assert not loaded_by("import safe_ompl") & later
+    assert "safe_ompl.live.replanning" in loaded_by("from safe_ompl import Benchmark, Replanner")
 
 
 WITHOUT_OMPL = """
@@ -65,22 +70,18 @@ except ModuleNotFoundError as error:
 
 
 def test_proofs_need_no_ompl():
-    done = subprocess.run([sys.executable, "-c", WITHOUT_OMPL], check=True, capture_output=True, text=True)
-    assert done.stdout == "No module named 'ompl'\n"
+    assert printed(WITHOUT_OMPL) == "No module named 'ompl'\n"
 
 
 def test_commands_need_no_extra_to_be_there():
     extras = "matplotlib PIL viser mcap rosbags mujoco xacro rclpy scipy"
     program = f"import sys; sys.modules.update(dict.fromkeys({extras.split()})); "
-    program += "from safe_ompl.apps.cli.program import command_line; command_line()"
-    subprocess.run([sys.executable, "-c", program], check=True)
+    printed(program + "from safe_ompl.apps.cli.program import command_line; command_line()")
 
 
 def test_a_command_imports_nothing_of_others():
-    program = "import sys; from safe_ompl.apps.cli.program import command_line; "
-    program += "command_line('plan').parse_args(['plan', 'planar2']); print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
-    loaded = set(done.stdout.split())
+    program = "from safe_ompl.apps.cli.program import command_line; "
+    loaded = loaded_by(program + "command_line('plan').parse_args(['plan', 'planar2'])")
     assert "safe_ompl.apps.cli.plan" in loaded
     assert not loaded & {"safe_ompl.apps.cli.live", "safe_ompl.drawing.plots", "safe_ompl.tasks.programs"}
     assert not loaded & {"safe_ompl.certificates.claims", "rich.console", "importlib.metadata", "concurrent.futures"}
@@ -88,9 +89,7 @@ def test_a_command_imports_nothing_of_others():
 
 def test_who_plans_imports_nothing_of_motions_in_time_or_of_people():
     """Each takes some ms of every start."""
-    program = "import sys; from safe_ompl import SafeSetup; print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
-    loaded = set(done.stdout.split())
+    loaded = loaded_by("from safe_ompl import SafeSetup")
     assert "safe_ompl.planning.safe_setup" in loaded
     packages = ("motions", "live", "certificates", "drawing", "tasks")
     others = {name for name in loaded if name.startswith(tuple(f"safe_ompl.{package}." for package in packages))}

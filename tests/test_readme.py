@@ -25,11 +25,12 @@ def test_the_python_of_the_readme_runs_from_top_to_bottom(capsys):
     assert names["fixed"]
 
 
-def test_the_diff_is_that_of_the_two_scripts():
+def test_three_lines_change_and_the_diff_is_that_of_the_two_scripts():
     before, after = ((ROOT / f"tests/examples/{name}.py").read_text(encoding="utf-8") for name in ("plain", "safe"))
     shown = re.findall(r"```diff\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)[0].splitlines()
-    changes = ndiff(before.splitlines(), after.splitlines())
-    assert sorted(shown) == sorted(line[0] + line[2:] for line in changes if line[0] in "+-")
+    changes = [line for line in ndiff(before.splitlines(), after.splitlines()) if line[0] in "+-"]
+    assert sorted(shown) == sorted(line[0] + line[2:] for line in changes)
+    assert sorted(line[0] for line in changes) == 3 * ["+"] + 3 * ["-"]
 
 
 def test_commands_of_the_table_exist(capsys):

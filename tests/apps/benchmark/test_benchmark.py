@@ -96,49 +96,36 @@ def test_the_safest_way_of_a_comparison_is_that_of_the_setup(scenario, setup):
 
 
 class Unlucky(Executor):
-    """One whose run of seed 1 fails, and which is broken from seed 3 on."""
+    """An executor that counts what it is sent, and that fails with an error at the runs of some seeds."""
 
-    def submit(self, do, run):
-        future = Future()
-        if run.seed == 1:
-            future.set_exception(RuntimeError("three workers died"))
-        elif run.seed == 3:
-            future.set_exception(BrokenProcessPool("no worker is left"))
-        else:
-            future.set_result(do(run))
-        return future
-
-
-def test_an_executor_that_loses_a_run_goes_on_and_a_broken_one_ends_the_campaign(scenario):
-    campaign, found = Campaign(scenario, ("RRTConnect",), runs=5), []
-
-    def take():
-        for result in campaign.results(workers=Unlucky()):
-            found.append(result)
-
-    with pytest.raises(BrokenProcessPool, match="no worker is left"):
-        take()
-    free, lost = "Exact solution", "Error: RuntimeError: three workers died"
-    assert [result.status for result in found] == [free, lost, free]
-
-
-class Fragile(Executor):
-    """One that counts what it is sent, and that fails at the run of seed 40."""
-
-    sent = 0
+    def __init__(self, errors):
+        self.errors, self.sent = errors, 0
 
     def submit(self, do, *runs):
         self.sent += 1
         future = Future()
-        if any(run.seed == 40 for run in runs):
-            future.set_exception(RuntimeError("three workers died"))
-        else:
+        error = next((self.errors[run.seed] for run in runs if run.seed in self.errors), None)
+        if error is None:
             future.set_result(do(*runs))
+        else:
+            future.set_exception(error)
         return future
 
 
+DIED = RuntimeError("three workers died")
+
+
+def test_an_executor_that_loses_a_run_goes_on_and_a_broken_one_ends_the_campaign(scenario):
+    executor, found = Unlucky({1: DIED, 3: BrokenProcessPool("no worker is left")}), []
+    results = Campaign(scenario, ("RRTConnect",), runs=5).results(workers=executor)
+    with pytest.raises(BrokenProcessPool, match="no worker is left"):
+        found.extend(results)
+    free, lost = "Exact solution", "Error: RuntimeError: three workers died"
+    assert [result.status for result in found] == [free, lost, free]
+
+
 def test_short_runs_are_sent_together_and_those_beside_a_lost_one_once_more():
-    runs, executor = [Run("a", seed) for seed in range(200)], Fragile()
+    runs, executor = [Run("a", seed) for seed in range(200)], Unlucky({40: DIED})
     found = list(in_order(lambda run: failure("Timeout", *run, ()), runs, executor, result_of_crash))
     assert [result.seed for result in found] == list(range(200))
     assert [result.seed for result in found if result.status != "Timeout"] == [40]

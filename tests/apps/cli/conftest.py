@@ -35,13 +35,18 @@ def call(capfd):
 
 @pytest.fixture
 def says(call):
-    """Return a function that runs a command line, asserts its status and words of its output, and returns that."""
+    """Return a function that runs a command line, asserts its status and words of its output, and returns that.
 
-    def check(line, *words, status=0):
+    `notes` are words on standard error, where lines may be broken anywhere.
+    """
+
+    def check(line, *words, status=0, notes=()):
         found, out, err = call(*(line.split() if isinstance(line, str) else line))
         assert found == status, err
         for word in words:
             assert word in out
+        for note in notes:
+            assert note in " ".join(err.split())
         return out
 
     return check

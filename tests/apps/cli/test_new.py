@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from safe_ompl import Robot, Scenario, plan_program
-from safe_ompl.apps import main
 from safe_ompl.common.errors import warn_once
 from safe_ompl.planning import setup_scenario
 from safe_ompl.robot import robots_folder
@@ -34,38 +33,34 @@ SCARA = """
 
 
 @pytest.fixture
-def urdf(tmp_path):
-    folder = tmp_path / "robots"
-    folder.mkdir()
-    file = folder / "scara.urdf"
+def urdf(tmp_path, monkeypatch):
+    """Begin in a folder with a robot `robots/scara.urdf`."""
+    monkeypatch.chdir(tmp_path)
+    file = Path("robots/scara.urdf")
+    file.parent.mkdir()
     file.write_text(SCARA)
     return file
 
 
-def test_a_new_scenario_can_be_planned(urdf, tmp_path, capsys):
-    file, result = tmp_path / "mine.yaml", tmp_path / "result.json"
-    assert main(["new", str(urdf), "-o", str(file)]) == 0
-    assert "3 joints, tip 'quill', reach 0.70 m" in capsys.readouterr().err
-    scenario = Scenario.load(file)
+def test_a_new_scenario_can_be_planned(says, urdf, tmp_path):
+    says(f"new {urdf} -o mine.yaml", notes=["3 joints, tip 'quill', reach 0.70 m"])
+    scenario = Scenario.load("mine.yaml")
     robot = scenario.build_robot()
     ends = np.array([scenario.start_configuration(robot), *scenario.goal_configurations(robot)])
     left, right = robot.keypoints_batch(ends)[:, -1]
     assert left[1] > 0.1 > -0.1 > right[1]  # on either side of the person
     assert scenario.scene["person"].weight == 1.0
-    assert main(["plan", str(file), "--json", str(result)]) == 0
-    assert json.loads(result.read_text())["certified"]
-    again = tmp_path / "again" / "mine.yaml"
-    again.parent.mkdir()
-    assert main(["new", str(urdf), "-o", str(again)]) == 0
-    assert Scenario.load(again).scene == scenario.scene
+    assert json.loads(says("plan mine.yaml --json -"))["certified"]
+    (tmp_path / "again").mkdir()
+    says(f"new {urdf} -o again/mine.yaml")
+    assert Scenario.load("again/mine.yaml").scene == scenario.scene
 
 
 @pytest.mark.parametrize("robot", ["scara", "z1", "xarm7"])
-def test_the_way_past_the_person_matters(robot, urdf, tmp_path):
-    file = tmp_path / "mine.yaml"
+def test_the_way_past_the_person_matters(says, robot, urdf):
     given = urdf if robot == "scara" else next(robots_folder().rglob(f"{robot}.urdf"))
-    assert main(["new", str(given), "-o", str(file)]) == 0
-    setup = setup_scenario(scenario := Scenario.load(file))
+    says(f"new {given} -o mine.yaml")
+    setup = setup_scenario(scenario := Scenario.load("mine.yaml"))
     start, (goal, *_) = scenario.start_configuration(setup.robot), scenario.goal_configurations(setup.robot)
     straight = np.linspace(start, goal, 41)
     clearances = [setup.checker.clearance(q).distance for q in straight]
@@ -76,46 +71,39 @@ def test_the_way_past_the_person_matters(robot, urdf, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["1e3", "no", "0x10", "12:30", "null", "~", "1_000", "a: b", "- c", "2026-11-29"])
-def test_joints_may_have_names_that_yaml_takes_for_something_else(urdf, tmp_path, name):
+def test_joints_may_have_names_that_yaml_takes_for_something_else(says, urdf, name):
     urdf.write_text(SCARA.replace('"elbow"', f'"{name}"'))
-    file = tmp_path / ("no.yaml" if name == "no" else "1e3.yaml")
-    assert main(["new", str(urdf), "-o", str(file)]) == 0
-    scenario = Scenario.load(file)
-    assert scenario.name == file.stem
+    own = "no" if name == "no" else "1e3"
+    says(f"new {urdf} -o {own}.yaml")
+    scenario = Scenario.load(f"{own}.yaml")
+    assert scenario.name == own
     assert scenario.build_robot().joint_names == ("shoulder", name, "z")
 
 
 @pytest.mark.parametrize("robot", ["baxter", "tiago", "z1"])
-def test_robots_that_are_hard_to_begin_with(robot, tmp_path):
+def test_robots_that_are_hard_to_begin_with(says, robot, tmp_path):
     """Baxter's forearms always touch, which coal sees only if it is asked for contacts."""
-    file = tmp_path / "mine.yaml"
-    assert main(["new", str(next(robots_folder().rglob(f"{robot}.urdf"))), "-o", str(file)]) == 0
-    assert Scenario.load(file).build_robot().n >= 6
+    says(f"new {next(robots_folder().rglob(f'{robot}.urdf'))} -o {tmp_path}/mine.yaml")
+    assert Scenario.load(tmp_path / "mine.yaml").build_robot().n >= 6
 
 
-def test_a_link_without_shapes_is_named_by_every_command(tmp_path, capfd):
+def test_a_link_without_shapes_is_named_by_every_command(says, urdf, tmp_path):
     text = (Path(__file__).parents[3] / "examples" / "arm.urdf").read_text()
-    file, scenario, result, proof = (tmp_path / f"arm.{kind}" for kind in ("urdf", "yaml", "json", "proof.json"))
-    file.write_text(re.sub(r'(<link name="upper_arm">).*?(</link>)', r"\1\2", text, flags=re.DOTALL))
-
-    def said(*arguments):
+    urdf.write_text(re.sub(r'(<link name="upper_arm">).*?(</link>)', r"\1\2", text, flags=re.DOTALL))
+    for line, *words in (
+        (f"new {urdf} -o arm.yaml",),
+        ("plan arm.yaml --json result.json --certificate proof.json", "no collision geometry: upper_arm"),
+        ("verify proof.json", "not covered: links without collision geometry: upper_arm"),
+        ("verify proof.json arm.yaml", "not covered: links without collision geometry: upper_arm"),
+    ):
         warn_once.cache_clear()
-        assert main([str(argument) for argument in arguments]) == 0
-        out, err = capfd.readouterr()
-        assert "nothing is checked for links that have no collision shape: upper_arm" in err
-        return out
-
-    said("new", file, "-o", scenario)
-    assert "no collision geometry: upper_arm" in said("plan", scenario, "--json", result, "--certificate", proof)
-    assert json.loads(result.read_text())["links_without_collision"] == ["upper_arm"]
-    for against in ((), (scenario,)):
-        assert "not covered: links without collision geometry: upper_arm" in said("verify", proof, *against)
+        says(line, *words, notes=["nothing is checked for links that have no collision shape: upper_arm"])
+    assert json.loads((tmp_path / "result.json").read_text())["links_without_collision"] == ["upper_arm"]
 
 
 @pytest.mark.parametrize("command", ["plan", "view"])
-def test_a_urdf_in_place_of_a_scenario_is_told_what_to_do(command, urdf, capsys):
-    assert main([command, str(urdf)]) == 2
-    assert "`safe-ompl new" in capsys.readouterr().err
+def test_a_urdf_in_place_of_a_scenario_is_told_what_to_do(refuses, command, urdf):
+    refuses(f"{command} {urdf}", "`safe-ompl new")
 
 
 # ------------------------------------------------------------------------- two arms, a gripper, wheels, a camera
@@ -202,11 +190,12 @@ def printed(text):
     return [words for words in commands if words[0] != "view" or "--html" in words]
 
 
-def test_what_is_printed_runs_as_it_stands(butler, capsys):
+def test_what_is_printed_runs_as_it_stands(call, butler):
     """An arm is planned for, without lift, wheels and fingers, to the hand and not to the camera."""
     pytest.importorskip("viser")
-    assert main(["new", "butler.urdf", "-o", "my first.yaml", "--package-dir", str(butler)]) == 0
-    commands = printed(capsys.readouterr().err)
+    status, _, err = call("new", "butler.urdf", "-o", "my first.yaml", "--package-dir", butler)
+    assert status == 0
+    commands = printed(err)
     assert [words[0] for words in commands] == ["plan", "verify", "view"]
     scenario = Scenario.load("my first.yaml")
     robot = scenario.build_robot()
@@ -217,19 +206,20 @@ def test_what_is_printed_runs_as_it_stands(butler, capsys):
         *("right_1", "right_2", "right_3", "right_4"),
     }
     for words in commands:
-        assert main(words) == 0, words
-        assert "held, as not" not in capsys.readouterr().err, "the scenario says where joints are held"
+        status, _, err = call(*words)
+        assert status == 0, words
+        assert "held, as not" not in err, "the scenario says where joints are held"
 
 
-def test_the_srdf_says_which_arm(butler, capsys, monkeypatch):
+def test_the_srdf_says_which_arm(says, butler, monkeypatch):
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(butler.parent))
-    assert main(["new", "butler.urdf", "-o", "srdf.yaml", "--srdf", "butler.srdf"]) == 0
-    assert "4 joints of the group 'right_arm', tip 'right_d'" in capsys.readouterr().err
-    assert main(["new", "butler.urdf", "-o", "left.yaml", "--srdf", "butler.srdf", "--group", "left_arm"]) == 0
+    new = "new butler.urdf --srdf butler.srdf -o"
+    says(f"{new} srdf.yaml", notes=["4 joints of the group 'right_arm', tip 'right_d'"])
+    says(f"{new} left.yaml --group left_arm")
     spec = Scenario.load("left.yaml").robot
     assert (spec.group, spec.tip) == ("left_arm", "left_c")
     assert Robot(spec).joint_names == ("left_1", "left_2", "left_3")
-    assert main(["new", "butler.urdf", "-o", "tip.yaml", "--srdf", "butler.srdf", "--tip", "left_c"]) == 0
+    says(f"{new} tip.yaml --tip left_c")
     assert Scenario.load("tip.yaml").build_robot().joint_names == ("lift", "left_1", "left_2", "left_3")
 
 
@@ -247,14 +237,11 @@ WRONG_OPTIONS = [
 
 
 @pytest.mark.parametrize(("words", "said"), WRONG_OPTIONS)
-def test_wrong_options_are_one_line(words, said, butler, capsys, tmp_path):
-    (tmp_path / "work" / "here" / "empty.srdf").write_text("")
-    folder = [] if not words or words[0] == "--package-dir" else ["--package-dir", str(butler)]
-    assert main(["new", "butler.urdf", "-o", "mine.yaml", *folder, *words]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert all(part in " ".join(lines) for part in said), lines
-    assert sum(line.startswith("safe-ompl: ") and "warning" not in line for line in lines) == 1
-    assert not (tmp_path / "work" / "here" / "mine.yaml").exists()
+def test_wrong_options_are_one_line(refuses, words, said, butler):
+    Path("empty.srdf").write_text("")
+    folder = [] if not words or words[0] == "--package-dir" else ["--package-dir", butler]
+    refuses(("new", "butler.urdf", "-o", "mine.yaml", *folder, *words), *said)
+    assert not Path("mine.yaml").exists()
 
 
 WRONG_URDFS = [
@@ -271,43 +258,34 @@ WRONG_URDFS = [
 
 
 @pytest.mark.parametrize(("text", "said"), WRONG_URDFS)
-def test_wrong_urdfs_are_one_line(text, said, tmp_path, capfd, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_wrong_urdfs_are_one_line(refuses, text, said, urdf, monkeypatch):
     monkeypatch.setitem(sys.modules, "xacro", None)
-    (tmp_path / "bad.urdf").write_text(text)
-    assert main(["new", "bad.urdf", "-o", "mine.yaml"]) == 2
-    told = " ".join(capfd.readouterr().err.split())
-    assert said in told
-    assert "bad.urdf" in told
+    urdf.write_text(text)
+    refuses(f"new {urdf} -o mine.yaml", said, "scara.urdf")
 
 
-def test_arguments_of_xacro_go_to_the_scenario(tmp_path, capsys, monkeypatch, data_folder):
+def test_arguments_of_xacro_go_to_the_scenario(says, refuses, tmp_path, monkeypatch, data_folder):
     pytest.importorskip("xacro")
     monkeypatch.chdir(tmp_path)
     text = (data_folder / "gripper_arm.urdf").read_text()
     head = 'name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="name" default=""/>'
     Path("arm.urdf.xacro").write_text(text.replace('name="gripper_arm">', head))
-    words = ["--xacro-arg", "name:=left"]
-    assert main(["new", "arm.urdf.xacro", "-o", "mine.yaml", *words]) == 0
+    words = "--xacro-arg name:=left"
+    says(f"new arm.urdf.xacro -o mine.yaml {words}")
     assert Scenario.load("mine.yaml").build_robot().name == "left"
-    assert main(["srdf", "arm.urdf.xacro", "-o", "arm.srdf", *words]) == 0
+    says(f"srdf arm.urdf.xacro -o arm.srdf {words}")
     assert 'name="left"' in Path("arm.srdf").read_text()
-    capsys.readouterr()
-    for wrong in (words * 2, ["--xacro-arg", "name=left"]):
-        assert main(["new", "arm.urdf.xacro", "-o", "other.yaml", *wrong]) == 2
-        said = capsys.readouterr().err.removeprefix("safe-ompl: ").removeprefix("argument ")
-        assert said.startswith("--xacro-arg: ")
+    refuses(f"new arm.urdf.xacro -o other.yaml {words} {words}", "safe-ompl: --xacro-arg: 'name' is given twice")
+    refuses("new arm.urdf.xacro -o other.yaml --xacro-arg name=left", "argument --xacro-arg: must be NAME:=VALUE")
 
 
 # ------------------------------------------------------------------------------------------------- pick and place
 
 
-def test_a_gripper_arm_gets_a_program_that_is_solved(tmp_path, capsys):
-    file = tmp_path / "work.yaml"
-    urdf = robots_folder() / "panda_description" / "urdf" / "panda.urdf"
-    assert main(["new", str(urdf), "--pick-and-place", "-o", str(file)]) == 0
-    assert "11 steps" in capsys.readouterr().err
-    scenario = Scenario.load(file)
+def test_a_gripper_arm_gets_a_program_that_is_solved(says, tmp_path):
+    panda = robots_folder() / "panda_description" / "urdf" / "panda.urdf"
+    says(f"new {panda} --pick-and-place -o {tmp_path}/work.yaml", notes=["11 steps"])
+    scenario = Scenario.load(tmp_path / "work.yaml")
     cube, (width, *_) = scenario.scene["cube"], scenario.scene["cube"].shape.size
     touching = {link for step in scenario.program.steps for link, _ in getattr(step, "touching", ())}
     assert touching == {"panda_leftfinger", "panda_rightfinger", "cube"}
@@ -321,26 +299,23 @@ def test_a_gripper_arm_gets_a_program_that_is_solved(tmp_path, capsys):
     np.testing.assert_allclose(down, (0.0, 0.0, -1.0), atol=0.02)  # the hand looks down
 
 
-def test_an_arm_without_a_gripper_gets_one_line(urdf, tmp_path, capsys):
-    assert main(["new", str(urdf), "--pick-and-place", "-o", str(tmp_path / "work.yaml")]) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "the arm with the tip 'quill' has no gripper" in line
-    assert not (tmp_path / "work.yaml").exists()
+def test_an_arm_without_a_gripper_gets_one_line(refuses, urdf):
+    refuses(f"new {urdf} --pick-and-place -o work.yaml", "the arm with the tip 'quill' has no gripper")
+    assert not Path("work.yaml").exists()
 
 
-def test_limits_beside_the_srdf_are_those_of_the_scenario(urdf, tmp_path, capsys):
+def test_limits_beside_the_srdf_are_those_of_the_scenario(says, call, refuses, urdf, tmp_path):
     """And the folder of a package has a name of its own."""
     srdf, limits = urdf.with_suffix(".srdf"), urdf.with_name("joint_limits.yaml")
     srdf.write_text('<robot name="scara"><disable_collisions link1="base" link2="outer" reason="Never"/></robot>')
     limits.write_text("joint_limits: {shoulder: {max_position: 2.0, max_velocity: 1.5}}\n")
-    given = ["new", str(urdf), "--srdf", str(srdf), "--package", f"parts={tmp_path}", "-o"]
-    assert main([*given, str(tmp_path / "mine.yaml")]) == 0
-    assert f"joint limits are also read from {limits}" in capsys.readouterr().err.replace("\n", " ")
-    robot = Scenario.load(tmp_path / "mine.yaml").build_robot()
+    given = f"new {urdf} --srdf {srdf} --package parts={tmp_path} -o"
+    says(f"{given} mine.yaml", notes=[f"joint limits are also read from {limits}"])
+    robot = Scenario.load("mine.yaml").build_robot()
     assert robot.upper[0] == 2.0
     assert robot.spec.package_dirs == (("parts", tmp_path),)
     limits.write_text("joint_limits: {shoulder: {max_velocity: -1}}\n")
-    assert main([*given, str(tmp_path / "other.yaml")]) == 2
-    assert "joint_limits.shoulder.max_velocity: must be" in capsys.readouterr().err.replace("\n", " ")
-    assert main(["plan", str(tmp_path / "mine.yaml"), "--package", "parts"]) == 2
-    assert "must have the form NAME=DIR, not 'parts'" in capsys.readouterr().err
+    status, _, err = call(*given.split(), "other.yaml")
+    assert status == 2
+    assert "joint_limits.shoulder.max_velocity: must be" in err
+    refuses("plan mine.yaml --package parts", "must have the form NAME=DIR, not 'parts'")
