@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from safe_ompl import InputError, KinetostaticField, People, Scenario, Trajectory, plan, read_motion
-from safe_ompl.apps import main
 from safe_ompl.scene import MotionLimits
 
 
@@ -30,25 +29,24 @@ def scenario_file(beside_her, tmp_path_factory):
     return file
 
 
-def test_where_people_allow_no_motion_the_command_says_so(beside_her, tmp_path, capsys):
+def test_where_people_allow_no_motion_the_command_says_so(call, beside_her, tmp_path):
     file = tmp_path / "crowded.yaml"
     replace(beside_her, people=People(reaction_time=2.0)).save(file)
-    assert main(["plan", str(file), "--timed"]) == 2
-    assert "nothing allows the robot to move at" in capsys.readouterr().err
+    status, _, err = call("plan", file, "--timed")
+    assert status == 2
+    assert "nothing allows the robot to move at" in err
 
 
-def test_the_command_times_and_writes_joint_trajectories(scenario_file, tmp_path, capsys):
+def test_the_command_times_and_writes_joint_trajectories(says, scenario_file, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
-    table = tmp_path / "trajectory.csv"
-    assert main(["plan", str(scenario_file), "--time", "5", "--rate", "50", "--trajectory", str(table)]) == 0
-    assert 0.019 < np.diff(read_motion(table).times).max() < 0.02 * 1.001
-    assert main(["check", str(table), "--scenario", str(scenario_file)]) == 0
-    file, proof, plot = (tmp_path / name for name in ("trajectory.json", "proof.json", "motion.png"))
-    files = ["--trajectory", str(file), "--certificate", str(proof), "--timed-plot", str(plot)]
-    assert main(["plan", str(scenario_file), "--time", "5", "--rate", "50", *files]) == 0
-    assert plot.stat().st_size > 10_000
-    assert "timed: " in capsys.readouterr().out
-    told = json.loads(file.read_text())
+    monkeypatch.chdir(tmp_path)
+    plan = f"plan {scenario_file} --time 5 --rate 50 --trajectory"
+    says(f"{plan} trajectory.csv")
+    assert 0.019 < np.diff(read_motion("trajectory.csv").times).max() < 0.02 * 1.001
+    says(f"check trajectory.csv --scenario {scenario_file}")
+    says(f"{plan} trajectory.json --certificate proof.json --timed-plot motion.png", "timed: ")
+    assert (tmp_path / "motion.png").stat().st_size > 10_000
+    told = json.loads((tmp_path / "trajectory.json").read_text())
     assert {"joint_names", "points", "duration", "limits", "velocity_limits"} <= set(told)
     assert [limit["name"] for limit in told["velocity_limits"]] == [
         "joint velocity",
@@ -58,13 +56,11 @@ def test_the_command_times_and_writes_joint_trajectories(scenario_file, tmp_path
     ]
     times = [point["time_from_start"] for point in told["points"]]
     assert 0.019 < np.diff(times).max() < 0.02 * 1.001
-    assert main(["check", str(file), "--scenario", str(scenario_file)]) == 0
-    assert "stops beside people" in capsys.readouterr().out
-    assert main(["verify", str(proof)]) == 0
-    assert "it stands before anyone of operator who moves no faster than 0.2 m/s" in capsys.readouterr().out
+    says(f"check trajectory.json --scenario {scenario_file}", "stops beside people")
+    says("verify proof.json", "it stands before anyone of operator who moves no faster than 0.2 m/s")
 
 
-def test_points_that_are_not_proven_are_not_written(scenario_file, tmp_path, capsys, monkeypatch):
+def test_points_that_are_not_proven_are_not_written(says, scenario_file, tmp_path, monkeypatch):
     file = tmp_path / "trajectory.json"
     original = Trajectory.points
 
@@ -73,11 +69,9 @@ def test_points_that_are_not_proven_are_not_written(scenario_file, tmp_path, cap
         return times, dict(zip(("positions", "velocities", "accelerations"), trajectory.at(times), strict=True))
 
     monkeypatch.setattr(Trajectory, "points", sampled)
-    assert main(["plan", str(scenario_file), "--time", "5", "--trajectory", str(file)]) == 1
+    notes = "nothing is written to", "acceleration at"
+    says(f"plan {scenario_file} --time 5 --trajectory {file}", status=1, notes=notes)
     assert not file.exists()
-    said = " ".join(capsys.readouterr().err.split())
-    assert "nothing is written to" in said
-    assert "acceleration at" in said
 
 
 def test_results_are_timed_where_they_were_made(beside_her):
@@ -91,7 +85,7 @@ def test_results_are_timed_where_they_were_made(beside_her):
         replace(result, path=None).timed()
 
 
-def test_danger_in_motion_is_told_and_kept(beside_her, tmp_path, capsys):
+def test_danger_in_motion_is_told_and_kept(says, beside_her, tmp_path):
     result = plan(beside_her, time=5.0, seed=0)
     free = result.timed()
     field = result.danger_field()
@@ -104,8 +98,7 @@ def test_danger_in_motion_is_told_and_kept(beside_her, tmp_path, capsys):
     motion = replace(beside_her.motion, max_danger=limit)
     replace(beside_her, motion=motion, people=None, danger={"gamma": 0.0}).save(file)
     assert Scenario.load(file).motion.max_danger == limit
-    assert main(["plan", str(file), "--timed"]) == 0
-    assert "danger in motion: mean" in capsys.readouterr().out
+    says(f"plan {file} --timed", "danger in motion: mean")
     with pytest.raises(InputError, match="danger: give both danger"):
         replace(result, danger=None).timed(max_danger=limit)
     with pytest.raises(InputError, match="has no danger field"):
