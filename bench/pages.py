@@ -219,8 +219,8 @@ def draw_moments(ticks: str) -> None:
     still = [obstacle for obstacle in content.scene if not isinstance(obstacle.shape, Person)]
     scenes = [Scene((*still, *movers.people_at(motion.times[k]))) for k in shown]
     panel = (420, 400)
-    everyone = Scene((*still, *movers.people_at(motion.times[shown[2]])))
-    camera = best_view(DrawnScene(content.robot, everyone, [motion.knots[shown]]), panel)
+    people = [replace(person, name=f"{person.name} {k}") for k in shown for person in movers.people_at(motion.times[k])]
+    camera = best_view(DrawnScene(content.robot, Scene((*still, *people)), [motion.knots[shown]]), panel)
     images = [
         render_path(content.robot, scene, motion.knots[[k, k]], size=panel, ghosts=0, camera=camera)
         for scene, k in zip(scenes, shown, strict=True)
@@ -245,7 +245,7 @@ def viewer() -> None:
     options.binary_location = shutil.which("chromium") or ""
     for option in (
         *("headless", "no-sandbox", "use-angle=swiftshader", "enable-unsafe-swiftshader"),
-        *("window-size=1000,720", "lang=en-US"),
+        *("window-size=1000,900", "lang=en-US"),
     ):
         options.add_argument(f"--{option}")
     with tempfile.TemporaryDirectory() as folder:
