@@ -9,7 +9,7 @@ import pytest
 from safe_ompl import InputError, Pose, Robot
 from safe_ompl.live import find_skeleton
 from safe_ompl.live.ros import lookup_of
-from safe_ompl.live.ros.messages import FramePlaces, cloud_of, people_of_markers, pose_of, stamp_of
+from safe_ompl.live.ros.messages import FramePlaces, cloud_of, people_of_markers, pose_of, proposal_of
 from safe_ompl.live.ros.sightings import CloudView, Sightings
 from safe_ompl.live.simulation import ALL_KEYPOINTS
 
@@ -48,9 +48,6 @@ def marker(text="", number=0, frame="camera", place=(1.0, 0.0, 0.0), action=0, *
 def test_frames_are_the_world_fixed_links_and_those_of_the_scenario(frames):
     for name, place in (("world", Pose()), ("panda_link0", Pose()), ("/camera", TURNED)):
         assert frames.place(message(frame_id=name)).isApprox(place.se3)
-    for name, said in (("", "frame_id: is empty"), ("panda_link1", "unknown frame 'panda_link1'; did you ")):
-        with pytest.raises(InputError, match=said):
-            frames.place(message(frame_id=name))
 
 
 def test_other_frames_are_looked_up_with_tf2_at_the_stamp(monkeypatch):
@@ -83,12 +80,6 @@ def test_other_frames_are_looked_up_with_tf2_at_the_stamp(monkeypatch):
             frames.place(message(**late))
 
 
-def test_a_stamp_is_needed():
-    assert stamp_of(message(**header())) == 7.5
-    with pytest.raises(InputError, match="stamp: is missing"):
-        stamp_of(message(**header(sec=0, nanosec=0)))
-
-
 def test_markers_by_name_or_number(frames):
     given = message(markers=[marker(action=3), marker("left_wrist"), marker("pelvis"), marker("head", sec=6)])
     time, people = people_of_markers(given, ALL_KEYPOINTS, frames)
@@ -102,28 +93,16 @@ def test_markers_by_name_or_number(frames):
     assert people_of_markers(message(markers=[marker(action=3)]), coco, frames) == (7.5, {})
 
 
-@pytest.mark.parametrize(
-    ("markers", "said"),
-    [
-        ([], "markers: has no markers, and so no time"),
-        ([marker("tail")], "anna: unknown key point of coco17 'tail'"),
-        ([marker(number=17)], "anna: id: coco17 has 17 key points, got 17"),
-        ([marker(frame="tracker")], "frame_id: unknown frame 'tracker'"),
-        ([marker(place=(np.inf, 0, 0))], "key point: must be finite, or all NaN"),
-        ([marker(place=(np.nan, 0, 0))], "key point: must be finite, or all NaN"),
-    ],
-)
-def test_markers_that_cannot_be_used(frames, markers, said):
-    with pytest.raises(InputError, match=said):
-        people_of_markers(message(markers=markers), find_skeleton("coco17"), frames)
+def posed(w=1.0, **head):
+    """Return a pose with a quaternion (0, 0, 0, w)."""
+    orientation = {**point(0.0, 0.0, 0.0), "w": w}
+    return message(header=header(**head), pose={"position": point(1.0, 0.0, 0.0), "orientation": orientation})
 
 
 def test_an_object(frames):
-    pose = {"position": point(1.0, 0.0, 0.0), "orientation": {**point(0.0, 0.0, 0.0), "w": 1.0}}
-    _, place = pose_of(message(header=header(), pose=pose), frames)
+    time, place = pose_of(posed(), frames)
+    assert time == 7.5
     np.testing.assert_allclose(place.position, [1.0, 1.0, 2.0])
-    with pytest.raises(InputError, match="quaternion"):
-        pose_of(message(header=header(), pose={**pose, "orientation": {**point(0.0, 0.0, 0.0), "w": 0.0}}), frames)
 
 
 def test_a_cloud(frames):
@@ -135,6 +114,53 @@ def test_a_cloud(frames):
     np.testing.assert_allclose(found, [[1.0, 1.0, 2.0], [1.0, 2.0, 2.0]])
     assert time == 7.5
     assert len(cloud_of(message(header=header(), **{**sizes, "width": 0}), 0.02, frames)[1]) == 0
+
+
+def trajectory(*points, **stamp):
+    """Return a trajectory of the Panda through points at times [s], with these fields."""
+    rows = [{"time_from_start": {"sec": sec, "nanosec": 0}, **FIELDS, **fields} for sec, fields in points]
+    return message(header=header(**stamp), joint_names=[f"panda_joint{k}" for k in range(7, 0, -1)], points=rows)
+
+
+FIELDS = {"positions": [], "velocities": [], "accelerations": []}
+ROW = [0.1 * k for k in range(7)]
+
+
+def test_a_proposal_begins_with_its_first_point_or_is_a_velocity(panda):
+    points = (1, {"positions": ROW}), (3, {"positions": ROW[::-1]})
+    motion, start = proposal_of(trajectory(*points), panda)
+    assert (start, motion.duration) == (8.5, 2.0)
+    np.testing.assert_allclose(motion.knots, [ROW[::-1], ROW])
+    assert proposal_of(trajectory(*points, sec=0, nanosec=0), panda)[1] is None
+    velocity, start = proposal_of(trajectory((0, {"velocities": ROW})), panda)
+    assert start is None
+    np.testing.assert_array_equal(velocity, ROW[::-1])
+
+
+def people_of(*markers):
+    return lambda frames: people_of_markers(message(markers=list(markers)), find_skeleton("coco17"), frames)
+
+
+UNUSABLE = [
+    (people_of(), "markers: has no markers, and so no time"),
+    (people_of(marker("tail")), "anna: unknown key point of coco17 'tail'"),
+    (people_of(marker(number=17)), "anna: id: coco17 has 17 key points, got 17"),
+    (people_of(marker(number=-1)), "anna: id: coco17 has 17 key points, got -1"),
+    (people_of(marker(frame="tracker")), "frame_id: unknown frame 'tracker'"),
+    (people_of(marker(place=(np.inf, 0, 0))), "key point: must be finite, or all NaN"),
+    (people_of(marker(place=(np.nan, 0, 0))), "key point: must be finite, or all NaN"),
+    (lambda frames: pose_of(posed(frame=""), frames), "frame_id: is empty"),
+    (lambda frames: pose_of(posed(frame="panda_link1"), frames), "unknown frame 'panda_link1'; did you "),
+    (lambda frames: pose_of(posed(sec=0, nanosec=0), frames), "stamp: is missing"),
+    (lambda frames: pose_of(posed(w=0.0), frames), "quaternion"),
+    (lambda frames: proposal_of(trajectory(), Robot.from_example("panda")), "points: has no points"),
+]
+
+
+@pytest.mark.parametrize(("read", "said"), UNUSABLE)
+def test_messages_that_cannot_be_used(frames, read, said):
+    with pytest.raises(InputError, match=said):
+        read(frames)
 
 
 # ----------------------------------------------------------------------------------------------------- sightings

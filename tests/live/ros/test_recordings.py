@@ -39,10 +39,8 @@ def write_bag(folder, rows, plugin=StoragePlugin.SQLITE3):
 
 def filled(kind, content):
     if kind == STATE:
-        parts = {
-            name: filled("trajectory_msgs/msg/JointTrajectoryPoint", content.get(name, {}))
-            for name in ("reference", "feedback", "error")
-        }
+        kind_of = "trajectory_msgs/msg/JointTrajectoryPoint"
+        parts = {name: filled(kind_of, content.get(name, {})) for name in ("reference", "feedback", "error")}
         header = filled("std_msgs/msg/Header", content["header"])
         return TYPES.types[kind](header=header, joint_names=list(content["joint_names"]), **parts)
     return TYPES.deserialize_cdr(messages.encoded(kind, content), kind)
@@ -71,24 +69,19 @@ def test_the_tube_of_a_controllers_state(tmp_path, capsys, plugin):
 
 def test_commands_replace_each_other_from_where_they_begin(tmp_path):
     rows = []
-    for k in range(10):  # each command is a ramp of 0.2 s, and the next one comes after 0.1 s
-        begin = 0.1 * k
-        points = [begin, begin + 0.1, begin + 0.2]
+    for k in range(10):  # each command is a ramp of 0.25 s, and the next one comes after 0.1 s
+        points = 0.1 * k + np.array([0.0, 0.1, 0.25])
         rows_of = [asked(t) + (9.0 if i == 2 and k < 9 else 0.0) for i, t in enumerate(points)]
-        content = messages.joint_trajectory(JOINTS, 50 + begin + np.array([0.0, 0.1, 0.2]), positions=rows_of)
-        rows.append(("/command", messages.JOINT_TRAJECTORY, begin, content))
+        content = messages.joint_trajectory(JOINTS, 50 + points, positions=rows_of)
+        rows.append(("/command", messages.JOINT_TRAJECTORY, points[0], content))
     for t in np.arange(0, 1, 0.02):
-        names = ("gripper", "elbow", "shoulder")
-        q = [0.0, *asked(t)[::-1]]
-        rows.append(
-            ("/joint_states", messages.JOINT_STATE, t, messages.joint_state(round(1e9 * (50 + t)), names, q, []))
-        )
-        rows.append(
-            ("/joint_states", messages.JOINT_STATE, t, messages.joint_state(round(1e9 * (50 + t)), ["wheel"], [t], []))
-        )
+        for names, q in ((("gripper", "elbow", "shoulder"), [0.0, *asked(t)[::-1]]), (["wheel"], [t])):
+            state = messages.joint_state(round(1e9 * (50 + t)), names, q, [])
+            rows.append(("/joint_states", messages.JOINT_STATE, t, state))
     commanded, measured = read_joint_log(write_bag(tmp_path / "bag", rows))
-    np.testing.assert_allclose(commanded.times, np.arange(12) * 0.1, atol=1e-6)
-    np.testing.assert_allclose(commanded.knots, [asked(0.1 * k) for k in range(12)], atol=1e-6)
+    times = [*0.1 * np.arange(11), 1.15]
+    np.testing.assert_allclose(commanded.times, times, atol=1e-6)
+    np.testing.assert_allclose(commanded.knots, [asked(t) for t in times], atol=1e-6)
     np.testing.assert_allclose(measured.at(np.array([0.5])), [asked(0.5)], atol=1e-4)
 
 

@@ -1,8 +1,5 @@
-"""A Panda that goes to and fro over a table, a replanner for it, and drives at which all promises are checked."""
+"""A Panda that goes to and fro over a table, and replanners and shields for it."""
 
-from itertools import pairwise
-
-import numpy as np
 import pytest
 from swinging import HOME
 
@@ -24,7 +21,7 @@ from safe_ompl import (
 )
 from safe_ompl.collision import Separation, ToolOrientation
 from safe_ompl.live import TrackedBody, find_skeleton
-from safe_ompl.live.replanning import Action, ReplanningOptions, SpeedLimits
+from safe_ompl.live.replanning import ReplanningOptions, SpeedLimits
 
 PANDA_ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]
 WAYS = [[-1.2, 0.0, 0, -2.0, 0, 2.2, 0.785], [0.0, -0.4, 0, -2.0, 0, 2.0, 0.785], [1.2, 0.0, 0, -2.0, 0, 2.2, 0.785]]
@@ -91,38 +88,3 @@ def to_and_fro(panda):
         return [time_path(way, panda, limits, motion=replanner.prover, **speeds) for way in (WAYS, WAYS[::-1])]
 
     return make
-
-
-@pytest.fixture
-def drive():
-    """Return a function that drives with what is seen at each tick, checks the commands, and returns them."""
-
-    def run(replanner, trajectory, see, seconds, think=True, others=()):
-        replanner.start(trajectory, others)
-        commands = []
-        for k in range(round(seconds / replanner.tick)):
-            seen = see(k * replanner.tick)
-            replanner.update(*seen, k * replanner.tick)
-            commands.append(replanner.command(k * replanner.tick + 0.02))
-            if commands[-1].action is Action.DONE:
-                break
-            if think:
-                replanner.think()
-        check_commands(replanner, trajectory.limits, commands)
-        return commands
-
-    return run
-
-
-def check_commands(pilot, limits, commands):
-    """Fail where commands jump, break limits, touch what stands still, or do not end at rest."""
-    for before, after in pairwise(commands):
-        np.testing.assert_allclose(before.at(after.time).q, after.at(after.time).q, atol=1e-6)
-        np.testing.assert_allclose(before.at(after.time).qd, after.at(after.time).qd, atol=1e-4)
-    for command in {id(command): command for command in commands}.values():
-        for t in np.linspace(command.time, command.standstill, 8)[:-1]:  # at rest a corner may have two slopes
-            state = command.at(t)
-            assert (np.abs(state.qd) <= limits.velocity * (1 + 1e-9)).all()
-            assert (np.abs(state.qdd) <= limits.acceleration * (1 + 1e-6)).all()
-            assert not pilot.prover.checker.in_collision(state.q)
-        assert np.abs(command.at(command.standstill).qd).max() < 1e-6

@@ -1,8 +1,11 @@
 """A Panda that is to swing to and fro, and what else a policy may propose to it."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from safe_ompl import Pose
+from safe_ompl.live.replanning import Action
 
 HOME = np.array([-1.0, 0.0, 0.0, -2.0, 0.0, 2.2, 0.785])
 SWING = np.array([1.0, 0.3, 0.0, -0.3, 0.0, 0.3, 0.0])
@@ -11,11 +14,8 @@ BENDS, VELOCITY, TWIST, SWINGING, NOTHING, JUMPS = (0, 1, 2), 3, 4, 5, 6, 7  # k
 JERKS = ([7500, 3750, 5000, 6250, 7500, 10000, 10000], [800] * 7, [100] * 7)  # the first are a Franka's
 
 
-def drive(shield, propose, ball, seconds, latency=0.02):
-    """Propose at each tick, with the ball where `ball` has it; return commands and states (T, 3, n) in between.
-
-    Nothing that is driven is beyond the limits, touches what stands still or jumps.
-    """
+def drive_shield(shield, propose, ball, seconds, latency=0.02):
+    """Propose at each tick, with the ball where `ball` has it; return commands and states (T, 3, n) in between."""
     commands, states = [], []
     for k in range(round(seconds / shield.tick)):
         now = k * shield.tick
@@ -25,15 +25,50 @@ def drive(shield, propose, ball, seconds, latency=0.02):
         commands.append(shield.command(now + latency))
         times = now + latency + np.arange(5) * shield.tick / 5
         states.append([commands[-1].at(t) for t in times])
-    states = np.array(states).reshape(-1, 3, 7)
-    limits, robot = shield.limits.joints, shield.robot
-    assert (np.abs(states[:, 1]) <= limits.velocity * (1 + 1e-9)).all()
-    assert (np.abs(states[:, 2]) <= limits.acceleration * (1 + 1e-6)).all()
-    steps = np.diff(states[:, 0], axis=0) - 0.005 * (states[1:, 1] + states[:-1, 1])
-    assert np.abs(steps).max() < 0.01**2 * limits.acceleration.max()
-    assert not any(shield.prover.checker.in_collision(q) for q in states[::5, 0])
-    assert robot.within_limits(states[:, 0]).all()
-    return commands, states
+    check_commands(shield, shield.limits.joints, commands)
+    return commands, np.array(states).reshape(-1, 3, 7)
+
+
+def drive_replanner(replanner, trajectory, see, seconds, think=True, others=()):
+    """Drive with what `see` has at each tick, at most to the end of a trajectory; return the commands."""
+    replanner.start(trajectory, others)
+    commands = []
+    for k in range(round(seconds / replanner.tick)):
+        now = k * replanner.tick
+        replanner.update(*see(now), now)
+        commands.append(replanner.command(now + 0.02))
+        if commands[-1].action is Action.DONE:
+            break
+        if think:
+            replanner.think()
+    check_commands(replanner, trajectory.limits, commands)
+    return commands
+
+
+def check_commands(pilot, limits, commands):
+    """Fail where commands or their stops jump, break limits, touch what stands still, or do not end at rest."""
+    smooth = limits.jerk is not None
+    step = 0.0025 if smooth else 0.01  # [s]
+    for before, after in pairwise(commands):
+        jumps = np.abs(np.subtract(before.at(after.time), after.at(after.time)))
+        # Accelerations are only continuous if the jerk is limited.
+        assert jumps[: 3 if smooth else 2].max() < 1e-6
+    for command in {id(command.motion): command for command in commands}.values():
+        times = np.arange(command.time, command.standstill + 2 * step, step)
+        q, qd, qdd = np.swapaxes([command.at(t) for t in times.tolist()], 0, 1)
+        assert (np.abs(qd) <= limits.velocity * (1 + 1e-6)).all()
+        assert (np.abs(qdd) <= limits.acceleration * (1 + 1e-6)).all()
+        assert pilot.robot.within_limits(q).all()
+        assert not any(pilot.prover.checker.in_collision(each) for each in q[:: len(q) // 8 + 1])
+        np.testing.assert_array_equal(command.at(np.inf).qd, 0.0)
+        # The error of the trapezoidal rule is that of a bounded jerk, or of a bounded acceleration.
+        steps = np.abs(np.diff(q, axis=0) - step * (qd[1:] + qd[:-1]) / 2)
+        if not smooth:
+            assert (steps <= limits.acceleration * step**2).all()
+            continue
+        assert (steps <= limits.jerk * step**3 / 4 + 1e-9).all()
+        assert (np.abs(np.diff(qd, axis=0) - step * (qdd[1:] + qdd[:-1]) / 2) <= limits.jerk * step**2 / 4 + 1e-9).all()
+        assert (np.abs(np.diff(qdd, axis=0)) <= limits.jerk * step * (1 + 1e-6) + 1e-7).all()
 
 
 def swing(t):

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from swinging import drive_replanner
 
 from safe_ompl import CollisionChecker, InputError, MotionProver, RateLimits, Replanner, Scene, Surroundings, time_path
 from safe_ompl.collision import Separation
@@ -27,30 +28,30 @@ def fastest_tip(panda, commands):
 
 @pytest.mark.parametrize(("bound", "limit"), [(0.1, None), (0.1, 1.0), (0.0, 1.0), (0.5, None)])
 def test_where_the_way_is_barred_another_one_is_taken_under_the_same_limits(
-    replanner_for, to_and_fro, drive, panda, bound, limit
+    replanner_for, to_and_fro, panda, bound, limit
 ):
     """The slower it is, the nearer to an obstacle it comes before it stands: nearer than large cells can tell."""
     replanner = replanner_for("ball", ball=bound)
     way = to_and_fro(replanner, tool_speed=limit)[0]
-    commands = drive(replanner, way, lambda t: BARRED, 20.0)
+    commands = drive_replanner(replanner, way, lambda t: BARRED, 20.0)
     assert commands[-1].action is Action.DONE
     assert paths(commands) > 1
     np.testing.assert_allclose(commands[-1].at(100.0).q, way.at(way.duration).q, atol=1e-6)
     if limit is None:
-        waiting = drive(replanner_for("ball", ball=bound), way, lambda t: BARRED, 5.0, think=False)
+        waiting = drive_replanner(replanner_for("ball", ball=bound), way, lambda t: BARRED, 5.0, think=False)
         assert waiting[-1].action is Action.STANDING
         assert fastest_tip(panda, commands) > 1.2
     else:
         assert 0.5 < fastest_tip(panda, commands) <= 1.001 * limit
 
 
-def test_other_ways_keep_the_limits_of_the_motion(panda, table, to_and_fro, drive):
+def test_other_ways_keep_the_limits_of_the_motion(panda, table, to_and_fro):
     scene = Scene((*table, Obstacle("post", Box((0.05, 0.05, 0.6)), Pose((0.75, 0.0, 0.9)))))
     checker = CollisionChecker(panda, scene.without("ball"))
     motion = MotionProver(checker, separation=Separation().with_min_clearance(checker, 0.1, ["post"]))
     surroundings = Surroundings(scene, objects={"ball": 0.1})
     replanner = Replanner(panda, surroundings, prover=motion)
-    commands = drive(replanner, to_and_fro(replanner)[0], lambda t: BARRED, 20.0)
+    commands = drive_replanner(replanner, to_and_fro(replanner)[0], lambda t: BARRED, 20.0)
     assert paths(commands) > 1
     required = replanner.prover.separation.required(motion.checker)
     assert not any(
@@ -97,13 +98,13 @@ def test_other_limits_make_other_detours(replanner_for, to_and_fro):
     assert replanner.detours.limits.tool_speed == 1.0
 
 
-def test_where_a_goal_is_barred_another_one_is_served(replanner_for, to_and_fro, drive, panda):
+def test_where_a_goal_is_barred_another_one_is_served(replanner_for, to_and_fro, panda):
     replanner = replanner_for("ball", ball=0.1)
     there = to_and_fro(replanner)[0]
     middle, goal = there.at([0.5 * there.duration, there.duration]).q
     other = middle + 0.3 * np.eye(7)[1]
     on_goal = {}, {"ball": Pose(panda.tip_pose(goal).translation)}
-    commands = drive(replanner, there, lambda t: on_goal, 4.0)
+    commands = drive_replanner(replanner, there, lambda t: on_goal, 4.0)
     assert commands[-1].action is not Action.DONE
     short = time_path([there.at(0.0).q, middle], panda, there.limits, motion=replanner.prover)
     far = time_path([there.at(0.0).q, [-2.4, 0.0, 0, -2.0, 0, 2.2, 0.785]], panda, there.limits)
@@ -112,7 +113,7 @@ def test_where_a_goal_is_barred_another_one_is_served(replanner_for, to_and_fro,
     replanner.update({}, {"ball": Pose(panda.tip_pose(middle).translation)}, 10.05)
     assert replanner.soonest([there, far, short]) == 1  # the others are barred
     replanner = replanner_for("ball", ball=0.1)
-    commands = drive(replanner, there, lambda t: on_goal, 20.0, others=[other])
+    commands = drive_replanner(replanner, there, lambda t: on_goal, 20.0, others=[other])
     assert commands[-1].action is Action.DONE
     np.testing.assert_allclose(commands[-1].at(100.0).q, other, atol=1e-6)
 

@@ -1,12 +1,10 @@
 """With a limit of the jerk accelerations are continuous: in commands, in their stops, and from one to the next."""
 
-from itertools import pairwise
-
 import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import HealthCheck, example, given, settings, strategies as st
-from swinging import HOME, JERKS, NOTHING, SWING, SWINGING, drive, proposing
+from swinging import HOME, JERKS, NOTHING, SWING, SWINGING, drive_replanner, drive_shield, proposing
 
 from safe_ompl import Pose, RateLimits, Replanner, Sphere, Surroundings, time_path
 from safe_ompl.live.replanning import Action
@@ -16,35 +14,11 @@ from safe_ompl.live.simulation import ContactMonitor, part_solids
 SIDE = np.eye(7)[0]
 FAR = np.array([3.0, 0.0, 0.0])
 ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]
-KEPT = 1 + 1e-6
-STEP = 2.5e-3  # [s]
 
 
 @pytest.fixture(scope="module")
 def monitor(panda):
     return ContactMonitor(panda)
-
-
-def check_limits(states, limits, step):
-    """Fail where states (T, 3, n), a step apart [s], break the limits, or are not the derivatives of each other."""
-    q, qd, qdd = np.swapaxes(states, 0, 1)
-    assert (np.abs(qd) <= limits.velocity * KEPT).all()
-    assert (np.abs(qdd) <= limits.acceleration * KEPT).all()
-    assert (np.abs(np.diff(qdd, axis=0)) <= limits.jerk * step * KEPT + 1e-7).all()
-    for value, rate, order in ((q, qd, 2), (qd, qdd, 1)):
-        error = np.diff(value, axis=0) - step * (rate[1:] + rate[:-1]) / 2
-        assert (np.abs(error) <= limits.jerk * step ** (order + 1) / 4 + 1e-9).all()
-
-
-def check_commands(commands, limits):
-    """Fail where a command or its stop breaks the limits, or where one does not begin as the one before goes on."""
-    for before, after in pairwise(commands):
-        for one, other in zip(before.at(after.time), after.at(after.time), strict=True):
-            np.testing.assert_allclose(one, other, atol=1e-7)
-    for command in {id(command.motion): command for command in commands}.values():
-        times = command.time + np.arange(0.0, command.motion.duration + 2 * STEP, STEP)
-        check_limits(np.array([command.at(t) for t in times.tolist()]), limits, STEP)
-        np.testing.assert_array_equal(command.at(np.inf).qd, 0.0)
 
 
 @settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -63,13 +37,11 @@ def test_whatever_is_proposed_all_rates_are_kept_and_stops_are_proven(shield_for
     def ball(time):
         return np.array([0.75, 0.3 * np.sin(4 * time + seed), 0.5]) if near else FAR
 
-    commands, _ = drive(shield, proposing(rng, kinds), ball, 1.0)
-    check_commands(commands, shield.limits.joints)
+    commands, _ = drive_shield(shield, proposing(rng, kinds), ball, 1.0)
     for command in commands[2::5]:
         solids = part_solids("ball", Sphere(0.1), pin.SE3(np.eye(3), ball(command.measured)))
         for t in np.linspace(command.time, command.standstill, 12):
             q, qd, _ = command.at(t)
-            assert not shield.prover.checker.in_collision(q)
             if np.abs(qd).max() > 1e-6:  # the ball grows as fast as it may
                 assert monitor.nearest(q, solids).distance > 1.6 * (t - command.measured) - 1e-9
 
@@ -79,16 +51,12 @@ def test_a_replanner_keeps_the_jerk_of_its_trajectory_in_corners_and_detours_too
     replanner = Replanner(panda, Surroundings(table, objects={"ball": 1.6}))
     limits = RateLimits.of(panda, acceleration=ACCELERATIONS, jerk=jerk)
     way = [HOME, HOME + 0.5 * SWING, HOME + 0.8 * SWING + 0.3 * SIDE, HOME + 1.2 * SIDE]
-    replanner.start(time_path(way, panda, limits, motion=replanner.prover if blends else None))
-    commands = []
-    for k in range(120):
-        now = 0.05 * k
-        replanner.update({}, {"ball": Pose((0.75 + 2 * (now > 2), 0.2 * np.sin(3 * now), 0.5))}, now)
-        commands.append(replanner.command(now + 0.02))
-        if commands[-1].action is Action.DONE:
-            break
-        replanner.think()
-    check_commands(commands, limits)
+    trajectory = time_path(way, panda, limits, motion=replanner.prover if blends else None)
+
+    def see(now):
+        return {}, {"ball": Pose((0.75 + 2 * (now > 2), 0.2 * np.sin(3 * now), 0.5))}
+
+    commands = drive_replanner(replanner, trajectory, see, 6.0)
     assert commands[-1].action is Action.DONE
     assert any(command.action in (Action.SLOWED, Action.STANDING, Action.BRAKING) for command in commands)
     assert averaging_window(limits) == pytest.approx({7500: 15 / 3500, 800: 20 / (800 * 0.7 * 2 / 3)}[jerk[0]], rel=0.2)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 import pytest
+from swinging import drive_replanner
 
 from safe_ompl import (
     Box,
@@ -132,22 +133,22 @@ def test_a_ball_that_is_faster_than_promised_can_win(replanner_for, to_and_fro, 
     assert min(a.run(r, to_and_fro(r)[0], tracker)[0] for a, r in zip(fast, replanners, strict=True)) <= 0
 
 
-def test_alone_it_is_as_fast_as_its_limits_let_it_and_no_detour_is_searched(replanner_for, to_and_fro, drive):
+def test_alone_it_is_as_fast_as_its_limits_let_it_and_no_detour_is_searched(replanner_for, to_and_fro):
     replanner = replanner_for("ball")
     way = to_and_fro(replanner)[0]
-    commands = drive(replanner, way, lambda t: FAR, 6.0)
+    commands = drive_replanner(replanner, way, lambda t: FAR, 6.0)
     assert commands[-1].time < 1.35 * way.duration + 0.1
     assert {command.action for command in commands} == {Action.MOVING, Action.DONE}
     assert len({id(command.path) for command in commands}) == 1
 
 
-def test_after_a_stop_it_goes_on_by_itself_and_says_why(replanner_for, to_and_fro, drive, caplog):
+def test_after_a_stop_it_goes_on_by_itself_and_says_why(replanner_for, to_and_fro, caplog):
     def see(time):
         return {}, {"ball": Pose((0.6, 0.1, 0.5) if 0.3 <= time < 1.8 else (3.0, 0.0, 0.0))}
 
     replanner = replanner_for("ball")
     with caplog.at_level(logging.INFO, "safe_ompl"):
-        commands = drive(replanner, to_and_fro(replanner)[0], see, 6.0, think=False)
+        commands = drive_replanner(replanner, to_and_fro(replanner)[0], see, 6.0, think=False)
     actions = [command.action for command in commands]
     assert actions[-1] is Action.DONE
     assert "'ball'" in commands[actions.index(Action.STANDING)].reason
@@ -155,24 +156,24 @@ def test_after_a_stop_it_goes_on_by_itself_and_says_why(replanner_for, to_and_fr
     assert "standing: " in caplog.text
 
 
-def test_clearance_is_left(replanner_for, to_and_fro, drive):
+def test_clearance_is_left(replanner_for, to_and_fro):
     still = {}, {"ball": Pose((0.85, 0.0, 0.5))}
     for clearance, end in ((0.0, Action.DONE), (0.3, Action.STANDING)):
         replanner = replanner_for("ball", ball=0.0, people=People(clearance=clearance))
-        assert drive(replanner, to_and_fro(replanner)[0], lambda t: still, 3.0, think=False)[-1].action is end
+        assert drive_replanner(replanner, to_and_fro(replanner)[0], lambda t: still, 3.0, think=False)[-1].action is end
 
 
 # ------------------------------------------------------------------------------------------------------- contact
 
 
-def test_in_a_narrow_gap_it_is_slower_than_in_the_open(panda, tracker, to_and_fro, drive):
+def test_in_a_narrow_gap_it_is_slower_than_in_the_open(panda, tracker, to_and_fro):
     """A wall beside the path: a hand may be clamped between it and the gripper."""
     wall = Obstacle("wall", Box((0.02, 1.2, 0.5)), Pose((0.63, 0.0, 0.5)))
     hand, took, rules = type(tracker)(tracker.skeleton, TrackedBody(1.75, ("right_hand",))), [], []
     for scene in (Scene(()), Scene((wall,))):
         replanner = Replanner(panda, Surroundings(scene, {"anna": hand}, people=People(speed=1.6, contact=True)))
         seen = {"anna": person_at((1.1, 0.0, -0.9), hand, stretched=True)}, {}
-        commands = drive(replanner, to_and_fro(replanner)[0], lambda t, seen=seen: seen, 5.0, think=False)
+        commands = drive_replanner(replanner, to_and_fro(replanner)[0], lambda t, seen=seen: seen, 5.0, think=False)
         took.append(len(commands))
         rules.append({command.rule for command in commands})
     assert took[1] > 1.1 * took[0]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import nnls
+from swinging import drive_replanner
 
 from safe_ompl import Pose, RateLimits
 from safe_ompl.live import ReachSets
@@ -72,7 +73,7 @@ def test_what_is_touched_already_or_passed_a_corner_does_not_recede(panda, bodie
     both = path.then(BoundedPath.along(bodies, back, limits))
     corner = both.motion_from(path.length - 0.01, 0.0, 1.0, 0.3)
     assert corner.places[0] < path.length < corner.places[-1]
-    assert not Receding(both, corner.places[0], balls([inside + 0.3 * np.eye(3)[0]])).along(corner).any()
+    assert not Receding(both, corner.places[0], balls([inside - 0.3 * np.eye(3)[1]])).along(corner).any()
 
 
 def test_a_retreat_leads_away_from_all_who_are_near_and_back_and_none_if_nobody_is(
@@ -106,11 +107,11 @@ def beside_the_tip(replanner, commands, gone):
     return see
 
 
-def test_it_retreats_from_who_came_too_near_waits_and_goes_on(replanner_for, to_and_fro, bodies, drive):
+def test_it_retreats_from_who_came_too_near_waits_and_goes_on(replanner_for, to_and_fro, bodies):
     for retreats in (False, True):
         replanner, placed = replanner_for("ball", detours=False, retreats=retreats), []
         way = to_and_fro(replanner)[0]
-        commands = drive(replanner, way, beside_the_tip(replanner, placed, 4.0), 8.0)
+        commands = drive_replanner(replanner, way, beside_the_tip(replanner, placed, 4.0), 8.0)
         actions = [command.action for command in commands]
         assert (Action.RETREATING in actions) is retreats
         assert actions[-1] is Action.DONE  # after the ball has gone
@@ -143,10 +144,10 @@ def test_the_first_link_recedes_however_it_turns_from_who_is_beside_all_that_it_
         assert Receding(path, 0.0, balls([place])).along(motion)[first, 0] == recedes
 
 
-def test_whoever_is_lost_stops_a_retreat(replanner_for, to_and_fro, drive):
+def test_whoever_is_lost_stops_a_retreat(replanner_for, to_and_fro):
     replanner = replanner_for("ball", detours=False)
     seen = beside_the_tip(replanner, [], 9.0)
-    commands = drive(replanner, to_and_fro(replanner)[0], lambda t: seen(t) if t < 3.0 else ({}, {}), 4.0)
+    commands = drive_replanner(replanner, to_and_fro(replanner)[0], lambda t: seen(t) if t < 3.0 else ({}, {}), 4.0)
     assert Action.RETREATING in {command.action for command in commands}
     assert commands[-1].action is Action.STANDING
     assert "was not seen" in commands[-1].reason

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.interpolate import CubicSpline
-from swinging import BENDS, HOME, JERKS, JUMPS, NOTHING, SWING, TWIST, VELOCITY, drive, proposing, swing
+from swinging import BENDS, HOME, JERKS, JUMPS, NOTHING, SWING, TWIST, VELOCITY, drive_shield, proposing, swing
 
 from safe_ompl import CollisionChecker, InputError, Motion, MotionProver, Pose, RateLimits, Shield, Sphere, Surroundings
 from safe_ompl.collision import Separation
@@ -41,7 +41,7 @@ def once(motion, start=None):
 
 @pytest.mark.parametrize(("jerk", "within"), [(None, 1e-5), *((jerk, 2e-3) for jerk in JERKS)])
 def test_a_proposal_that_nobody_bars_is_driven_as_it_is(shield_for, jerk, within):
-    commands, states = drive(shield_for(jerk=jerk), chunks(), lambda t: FAR, 3.0)
+    commands, states = drive_shield(shield_for(jerk=jerk), chunks(), lambda t: FAR, 3.0)
     times = np.arange(len(states)) * 0.01
     np.testing.assert_allclose(states[:, 0], swing(times), atol=within)
     assert {command.action for command in commands} == {Action.MOVING}
@@ -60,7 +60,7 @@ DENSE = np.arange(2000) / 1000.0
     + [(Motion.hermite(DENSE[::k], swing(DENSE[::k])), 0.52, 1e-3) for k in (1, 20)],
 )
 def test_a_motion_is_driven_in_its_own_timing_to_its_end(shield_for, motion, start, within):
-    commands, states = drive(shield_for(), once(motion, start), lambda t: FAR, 2.8)
+    commands, states = drive_shield(shield_for(), once(motion, start), lambda t: FAR, 2.8)
     begin = 0.0 if start is None else 0.5
     known = SPLINE if start is None else swing
     np.testing.assert_allclose(states[:195, 0], known(np.maximum(np.arange(195) * 0.01 - begin, 0.0)), atol=within)
@@ -74,7 +74,7 @@ def test_beside_somebody_it_is_slower_on_the_same_path(shield_for):
         return 0.75, 0.0, 0.5 + 1.5 * max(time - 3.0, 0.0)
 
     motion = Motion.hermite(np.arange(81) / 20, swing(np.arange(81) / 20))
-    commands, states = drive(shield_for(), once(motion), ball, 6.0)
+    commands, states = drive_shield(shield_for(), once(motion), ball, 6.0)
     assert any(command.action is Action.SLOWED and "ball" in command.reason for command in commands)
     assert max(command.delay for command in commands) > 0.1
     assert from_path(states, 4.0) < 2e-3
@@ -98,7 +98,7 @@ def test_no_stop_is_reached_by_who_keeps_to_the_bound(shield_for, panda, table, 
     def ball(time):
         return middle + way * np.sin(5 * time)
 
-    commands, _ = drive(shield, policy(seed), ball, 5.0)
+    commands, _ = drive_shield(shield, policy(seed), ball, 5.0)
     moved = 0
     for command in rng.permutation(np.array(commands, dtype=object))[:30]:
         solids = part_solids("ball", Sphere(0.1), pin.SE3(np.eye(3), ball(command.measured)))
@@ -127,7 +127,7 @@ BAD = {  # what becomes of a chunk (16, 7), and how it is refused
 @pytest.mark.parametrize("why", BAD)
 def test_a_chunk_that_cannot_be_used_ends_in_the_proven_stop(shield_for, why):
     shield = shield_for()
-    commands, _ = drive(shield, chunks(), lambda t: FAR, 1.0)
+    commands, _ = drive_shield(shield, chunks(), lambda t: FAR, 1.0)
     good = commands[-1]
     for k in range(20, 32):
         now = 0.05 * k
@@ -154,7 +154,7 @@ def test_a_chunk_that_cannot_be_used_ends_in_the_proven_stop(shield_for, why):
 )
 def test_it_stops_on_the_path_before_what_is_not_proven(shield_for, joint, tilt, reason):
     motion = Motion.through([HOME, HOME + 3 * np.eye(7)[joint]], [0.0, 2.5])
-    commands, states = drive(shield_for(tilt=tilt), once(motion), lambda t: FAR, 2.5)
+    commands, states = drive_shield(shield_for(tilt=tilt), once(motion), lambda t: FAR, 2.5)
     assert commands[-1].action is Action.STANDING
     assert re.search(reason, commands[-1].reason)
     assert np.abs(states[-1, 0] - HOME).max() > 0.3
@@ -162,7 +162,7 @@ def test_it_stops_on_the_path_before_what_is_not_proven(shield_for, joint, tilt,
 
 def test_accelerations_beyond_the_limits_cost_time_only(shield_for):
     motion = Motion.hermite(np.arange(61) / 40, swing(3 * np.arange(61) / 40))
-    commands, states = drive(shield_for(), once(motion), lambda t: FAR, 4)
+    commands, states = drive_shield(shield_for(), once(motion), lambda t: FAR, 4)
     assert commands[-1].action is Action.DONE
     assert any("limits" in command.reason for command in commands)
     assert from_path(states, 4.5) < 2e-3
@@ -176,7 +176,7 @@ def test_a_velocity_is_approached_held_and_left(shield_for, jerk):
         if time < 1.0:
             shield.propose_velocity(target)
 
-    commands, states = drive(shield_for(jerk=jerk), propose, lambda t: FAR, 2.0)
+    commands, states = drive_shield(shield_for(jerk=jerk), propose, lambda t: FAR, 2.0)
     np.testing.assert_allclose(states[50:95, 1], np.tile(target, (45, 1)), atol=1e-9)
     assert {command.action for command in commands[4:18]} == {Action.MOVING}
     assert commands[-1].action is Action.DONE
@@ -199,7 +199,7 @@ def test_a_velocity_that_could_not_be_driven_is_not_driven_later(shield_for):
 
 def test_a_twist_moves_the_tip(shield_for, panda):
     shield, twist = shield_for(), np.array([0.0, 0.2, 0.1, 0.0, 0.0, 0.3])
-    _, states = drive(shield, lambda shield, t, _: shield.propose_twist(twist), lambda t: FAR, 1.0)
+    _, states = drive_shield(shield, lambda shield, t, _: shield.propose_twist(twist), lambda t: FAR, 1.0)
     found = panda.tip_jacobian(states[60, 0]) @ states[60, 1]
     np.testing.assert_allclose(found, twist, atol=0.03)
     shield.propose_twist([1.0, np.nan, 0, 0, 0, 0])
@@ -214,7 +214,7 @@ def test_what_cannot_be_is_refused(shield_for, panda, table):
         shield.command(-1.0)
     with pytest.raises(InputError, match="joint 'panda_joint4' = 0 is outside its limits"):
         shield.start(np.zeros(7))
-    commands, _ = drive(shield_for(), chunks(), lambda t: FAR, 0.5)
+    commands, _ = drive_shield(shield_for(), chunks(), lambda t: FAR, 0.5)
     assert commands[-1].action is Action.MOVING
     with pytest.raises(InputError, match="start where the robot stands first"):
         Shield(panda, Surroundings(table)).command(0.0)
