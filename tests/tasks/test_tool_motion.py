@@ -60,25 +60,21 @@ PATHS = {
 @pytest.mark.parametrize("name", PATHS)
 def test_the_tip_follows_a_curve(arm, name, axis):
     path, corridor = PATHS[name], Corridor(0.001, 0.01, axis)
-    found = tool_motion(path, arm, SCENE, corridor, speed=0.2)
+    found = tool_motion(path, arm, SCENE, corridor, speed=0.05)
     assert found, found.why
     far, turned = deviations(arm, found.along, path, corridor)
     assert far <= found.proof.position <= 0.001
     assert turned <= found.proof.angle <= 0.01
     assert safe_ompl.check(found.motion, arm, SCENE)
     assert np.abs(arm.difference(found.along.at(0.0), found.motion.at(0.0))).max() < 1e-9
-    assert found.speed <= 0.2
     rates = [found.motion.derivative(t) for t in (0.0, found.motion.duration)]
     np.testing.assert_allclose(rates, 0.0, atol=1e-9)
-
-
-def test_the_speed_of_the_tip_is_what_is_asked(arm):
-    path = PATHS["line"]
-    found = tool_motion(path, arm, SCENE, speed=0.05)
-    times = np.linspace(0.3, 0.7, 50) * found.motion.duration
+    times = np.linspace(0.0, found.motion.duration, 300)
     places = [arm.tip_pose(q).translation for q in found.motion.at(times)]
-    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(times)
-    np.testing.assert_allclose(speeds, 0.05, rtol=0.01)
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / times[1]
+    # The parameter of a spline is only about its arc length.
+    assert speeds.max() == pytest.approx(found.speed, rel=0.15 if name == "spline" else 0.02)
+    assert found.speed == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize("axis", [None, "z"])
@@ -150,14 +146,9 @@ def test_it_begins_where_the_arm_is(arm):
     start = inverse_kinematics(arm, at(0.4, -0.2, 0.4))
     found = tool_motion(path, arm, SCENE, start=start)
     assert not found or np.abs(arm.difference(found.motion.at(0.0), start)).max() < 1e-5
-    with pytest.raises(InputError, match="from the beginning of the curve"):
-        tool_motion(path, arm, SCENE, start=start + 0.1)
-
-
-def test_danger_falls_in_the_null_space():
-    robot = Robot.from_example("panda")
-    free, held = (tool_motion(PATHS["line"], robot, SCENE, Corridor(free_axis=axis)) for axis in ("z", None))
-    assert free.danger_mean < held.danger_mean
+    for elsewhere in (start + 0.1, start + 0.1 * np.eye(arm.n)[-1]):  # the last joint only turns the tip
+        with pytest.raises(InputError, match="from the beginning of the curve"):
+            tool_motion(path, arm, SCENE, start=elsewhere)
 
 
 def test_a_curve_that_comes_back_to_where_the_tip_stands_is_not_followed():
@@ -199,15 +190,22 @@ def test_why_there_is_none(end, obstacle, words):
     assert str(found).startswith("no tool motion")
 
 
-@pytest.mark.parametrize("wrong", [{"position": 0.0}, {"angle": 4.0}, {"free_axis": "w"}, {"position": np.nan}])
-def test_what_is_no_corridor_is_refused(wrong):
-    with pytest.raises(InputError):
-        Corridor(**wrong)
+NO_CORRIDORS = [
+    (lambda: Corridor(position=0.0), "position"),
+    (lambda: Corridor(position=np.nan), "position"),
+    (lambda: Corridor(angle=4.0), "angle"),
+    (lambda: Corridor(free_axis="w"), "free_axis"),
+    (
+        lambda: tool_motion(PATHS["line"], Robot.from_example("panda"), Scene(), "wide"),
+        "must be a Corridor, got 'wide'",
+    ),
+]
 
 
-def test_what_is_of_another_class_is_refused():
-    with pytest.raises(InputError, match="corridor: must be a Corridor, got 'wide'"):
-        tool_motion(PATHS["line"], Robot.from_example("panda"), Scene(), "wide")
+@pytest.mark.parametrize(("make", "said"), NO_CORRIDORS)
+def test_what_is_no_corridor_is_refused(make, said):
+    with pytest.raises(InputError, match=said):
+        make()
 
 
 @pytest.mark.parametrize("axis", [None, "z"])

@@ -18,6 +18,7 @@ PATHS = {
     "arc": ToolPath.arc(START, VIA, END),
     "corners": ToolPath.polyline([START, VIA, END]),
     "blended": ToolPath.polyline([START, VIA, END], blend=0.04),
+    "all blended": ToolPath.polyline([START, VIA, END], blend=1.0),
     "spline": ToolPath.spline([START, VIA, END, pose(0.2, 0.3, 0.5, -0.4)]),
 }
 
@@ -40,8 +41,16 @@ def test_velocities_and_spins_are_derivatives(path):
     np.testing.assert_allclose((after.positions - before.positions) / span, at.velocities, atol=1e-6)
     turns = after.rotations @ np.swapaxes(before.rotations, 1, 2)
     np.testing.assert_allclose([pin.log3(turn) for turn in turns] / span, at.spins, atol=1e-6)
+    np.testing.assert_allclose(path.at(last[:-1] - 1e-9).positions, path.at(first[1:]).positions, atol=1e-8)
     for matrix in at.rotations[::100]:
         np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-12)
+
+
+def test_splines_turn_the_shorter_way():
+    """Of the two quaternions of a rotation, the one nearer to that of the pose before is taken."""
+    path = ToolPath.spline([pose(0.4, 0.0, 0.3, yaw=yaw) for yaw in (3.3, 4.2, 5.2)])
+    turned = np.linalg.norm(path.at(np.linspace(0.0, path.length, 200)).spins, axis=1).mean() * path.length
+    assert turned == pytest.approx(1.9, rel=0.02)
 
 
 def test_bounds_hold(path):
