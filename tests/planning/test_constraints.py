@@ -56,22 +56,6 @@ def tilts(setup, Q):
     return np.array([np.arccos(min(1.0, (setup.robot.tip_pose(q).rotation @ cup)[2])) for q in Q])
 
 
-def test_simplification_keeps_the_cup_upright_and_other_paths_are_refused(setup):
-    spilling = setup.plan(seed=1, time=8.0).path
-    assert tilts(setup, densely(setup.robot, spilling)).max() > LIMIT
-    assert setup.is_free(spilling)
-    setup.setToolConstraint(angle=LIMIT)
-    refused = setup.is_free(spilling)
-    assert not refused
-    assert "'tool orientation' and 'its limit'" in refused.why
-    result = setup.plan(seed=1, time=8.0, simplify=True)
-    assert not np.array_equal(result.path, result.planned_path)
-    assert tilts(setup, densely(setup.robot, result.path)).max() <= LIMIT
-    setup.setToolConstraint()
-    assert tool_limit(setup, ToolOrientation) is None
-    assert setup.is_free(spilling)
-
-
 def test_states_and_regions_know_of_it(ur5, scene, ends):
     setup = SafeSetup(ur5, scene)
     setup.setStartConfiguration(ends[0])
@@ -94,8 +78,13 @@ def test_a_goal_that_spills_and_an_axis_without_a_start(setup, ends, ur5, scene)
     tilted = inverse_kinematics(setup.robot, SIDES[1], pin.rpy.rpyToMatrix(0.6, 0, 0) @ DOWN)
     with pytest.raises(CollisionError, match=r"goal: the tool is 34\.38° from its direction, 30° are allowed"):
         setup.setConfigurations(ends[0], tilted)
+    setup.setToolConstraint()
+    assert tool_limit(setup, ToolOrientation) is None
+    setup.setConfigurations(ends[0], tilted)
+    without_start = SafeSetup(ur5, scene)
+    without_start.setToolConstraint()
     with pytest.raises(InputError, match="set a start before, or give the axis"):
-        SafeSetup(ur5, scene).setToolConstraint(angle=LIMIT)
+        without_start.setToolConstraint(angle=LIMIT)
 
 
 # -------------------------------------------------------------------------------- all limits, and all planners
@@ -116,19 +105,29 @@ def room_in_box(setup, Q):
     return min((tips - LEAST).min(), (MOST - tips).min())
 
 
-KEPT = {  # how it is demanded, and what is left of it on a path; less than nothing where it is not kept
-    "danger": (lambda setup: setup.setMaxDanger(18.0), lambda setup, Q: 18.0 - setup.field.values(Q).max()),
-    "clearance": (lambda setup: setup.setMinClearance(0.1), lambda setup, Q: clearance(setup, Q) - 0.1),
+KEPT = {  # how it is demanded, what is left of it on a path, less than nothing where it is not kept; what is said then
+    "danger": (
+        lambda setup: setup.setMaxDanger(18.0),
+        lambda setup, Q: 18.0 - setup.field.values(Q).max(),
+        "'danger' and 'its limit'",
+    ),
+    "clearance": (lambda setup: setup.setMinClearance(0.1), lambda setup, Q: clearance(setup, Q) - 0.1, "'pillar'"),
     "clear of what may move": (
         lambda setup: setup.setMovingObstacles({"pillar": 0.2}, 0.4),
         lambda setup, Q: clearance(setup, Q) - 0.08,
+        "'pillar'",
     ),
-    "tube": (lambda setup: setup.setTube(TUBE), room_in_tube),
-    "upright tool": (lambda setup: setup.setToolConstraint(angle=LIMIT), lambda *path: LIMIT - tilts(*path).max()),
-    "box of the tip": (lambda setup: setup.setTipBounds(LEAST, MOST), room_in_box),
+    "tube": (lambda setup: setup.setTube(TUBE), room_in_tube, "'pillar'"),
+    "upright tool": (
+        lambda setup: setup.setToolConstraint(angle=LIMIT),
+        lambda *path: LIMIT - tilts(*path).max(),
+        "'tool orientation' and 'its limit'",
+    ),
+    "box of the tip": (lambda setup: setup.setTipBounds(LEAST, MOST), room_in_box, "'tip position' and 'its limit'"),
     "the user's checker": (
         lambda setup: setup.setStateValidityChecker(lambda state: bool(state[1] > -0.6)),
         lambda setup, Q: Q[:, 1].min() + 0.6 + 0.01,
+        "'its own answer'",
     ),
 }
 
@@ -139,21 +138,34 @@ BY_BUBBLES = [kind for kind in KEPT if kind not in ("upright tool", "box of the 
 
 
 @pytest.mark.parametrize(("kind", "planner"), [*product(KEPT, PLANNERS), *product(BY_BUBBLES, ["BubblePlanner"])])
-def test_whoever_plans_keeps_what_is_demanded(setup, kind, planner):
-    demand, left = KEPT[kind]
-    demand(setup)
+def test_whoever_plans_keeps_what_is_demanded_and_forgets_what_was_built_before(setup, kind, planner):
+    demand, left, _ = KEPT[kind]
     if needs_place(planner):
         setup.setWorkspaceGoal(SIDES[1], DOWN)
-    for seed, simplify in enumerate((False, planner == "SafeRRTConnect")):
-        result = setup.plan(planner, time=20.0, seed=seed, simplify=simplify)
+    setup.prepare(planner, 0)
+    assert setup.solve(20.0)
+    demand(setup)
+    with pytest.raises(InputError, match="there is no solution"):
+        setup.simplifySolution(0.1)
+    assert setup.solve(20.0)
+    paths = [setup.solution()]
+    for options in ({"simplify": True}, {"optimise": 0.2}) if planner == "SafeRRTConnect" else ({},):
+        result = setup.plan(planner, time=20.0, seed=1, **options)
         assert result.certified
-        assert left(setup, densely(setup.robot, result.path)) >= 0.0
+        paths.append(result.path)
+    assert all(left(setup, densely(setup.robot, path)) >= 0.0 for path in paths)
 
 
 @pytest.mark.parametrize("kind", KEPT)
-def test_paths_without_the_demand_do_not_keep_it(setup, kind):
+def test_paths_without_the_demand_do_not_keep_it_and_are_refused(setup, kind):
+    demand, left, words = KEPT[kind]
     paths = (setup.plan("ClassicRRTConnect", seed=seed).path for seed in range(6))
-    assert any(KEPT[kind][1](setup, densely(setup.robot, path)) < 0.0 for path in paths)
+    path = next(path for path in paths if left(setup, densely(setup.robot, path)) < 0.0)
+    assert setup.is_free(path)
+    demand(setup)
+    refused = setup.is_free(path)
+    assert not refused
+    assert words in refused.why
 
 
 # ----------------------------------------------------------------------------------- scenarios and command line

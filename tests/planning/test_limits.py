@@ -37,17 +37,6 @@ def danger_of(setup, path):
 # ------------------------------------------------------------------------------------------------------ danger
 
 
-@pytest.mark.parametrize("planner", ["SafeRRTConnect", "SafePRM", "RRTConnect"])
-def test_what_was_built_without_a_limit_is_forgotten(setup, planner):
-    setup.prepare(planner, 0)
-    assert setup.solve(20.0)
-    setup.setMaxDanger(LIMIT)
-    with pytest.raises(InputError, match="there is no solution"):
-        setup.simplifySolution(0.1)
-    assert setup.solve(20.0)
-    assert setup.is_free(setup.solution())
-
-
 def test_a_limit_needs_a_danger(scenario):
     setup = SafeSetup(scenario.build_robot(), scenario.scene, danger=None)
     with pytest.raises(InputError, match="max danger needs a danger field"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl import Box, DangerObjective, InputError, Obstacle, Pose, SafeSetup, Scenario
+from safe_ompl import Box, DangerObjective, InputError, Obstacle, Pose, SafeSetup, Scenario, Sphere
 from safe_ompl.planning.planners import SafeRRTConnect, make_planner, needs_place, planner_names
 from safe_ompl.planning.simplification import Curve
 
@@ -28,6 +28,7 @@ def build():
     scenario = Scenario.load("planar3")
     setup = SafeSetup(scenario.build_robot(), scenario.scene.with_obstacles(FAR), movable=["far"])
     start = scenario.start_configuration(setup.robot)
+    setup.setWorkspaceGoal(setup.robot.tip_pose(start + MOTION).translation)
     setup.setConfigurations(start, start + MOTION)
     return setup, start
 
@@ -96,9 +97,14 @@ ASK = {
 }
 
 
-@pytest.mark.parametrize(
-    ("name", "ask"), [*((name, "setConfigurations") for name in PLANNERS), *(("SafePRM", ask) for ask in ASK)]
-)
+WAYS_OF_ASKING = [
+    *((name, "setConfigurations") for name in PLANNERS),
+    *(("SafePRM", ask) for ask in ASK),
+    *((name, "setWorkspaceGoal") for name in ("SafeJTRRT", "ClassicJTRRT")),
+]
+
+
+@pytest.mark.parametrize(("name", "ask"), WAYS_OF_ASKING)
 def test_the_next_query_is_answered(name, ask):
     setup, start = begun(name)
     start = start + OTHER_START
@@ -112,21 +118,6 @@ def test_the_next_query_is_answered(name, ask):
     np.testing.assert_allclose(path[0], start, atol=1e-9)
     tips = [setup.robot.tip_pose(q).translation for q in (path[-1], goal)]
     np.testing.assert_allclose(*tips, atol=1e-9 if isinstance(setup.getGoal(), (ob.GoalState, ob.GoalStates)) else 1e-3)
-
-
-@pytest.mark.parametrize("name", [name for name in planner_names() if needs_place(name)][:2])
-def test_the_next_place_is_gone_to(name):
-    setup, start = build()
-    for shift in (0.0, 0.2):
-        tip = setup.robot.tip_pose(start + MOTION + shift).translation
-        setup.setStartConfiguration(start + shift)
-        setup.setWorkspaceGoal(tip)
-        assert not setup.haveSolutionPath()
-        if shift == 0.0:
-            setup.setPlanner(make_planner(name, setup.getSpaceInformation()))
-        path = solved(setup, name)
-        np.testing.assert_array_equal(path[0], start + shift)
-        np.testing.assert_allclose(setup.robot.tip_pose(path[-1]).translation, tip, atol=0.01)
 
 
 def test_in_ompls_words_start_and_goal_are_those_that_are_checked_and_looked_at():
@@ -186,16 +177,29 @@ def test_another_scene_objective_or_space_forgets_solution_and_trees(name, chang
     np.testing.assert_array_equal(path[[0, -1]], [start, start + MOTION])
 
 
+BAR = {
+    "addObstacle": lambda setup, q: setup.addObstacle(
+        Obstacle("new", Sphere(0.02), Pose(tuple(setup.robot.tip_pose(q).translation)))
+    ),
+    "setStateValidityChecker": lambda setup, q: setup.setStateValidityChecker(
+        lambda state: bool(np.linalg.norm(setup.bridge.read(state) - q) > 0.05)
+    ),
+}
+
+
+@pytest.mark.parametrize("bar", BAR)
+@pytest.mark.parametrize("aside", [False, True])
 @pytest.mark.parametrize("name", ["SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect", "BITstar"])
-def test_a_planner_that_was_set_aside_comes_back_without_what_it_had_built(name):
+def test_a_way_that_is_barred_is_not_taken_again_also_by_a_planner_that_was_set_aside(name, aside, bar):
     setup, _ = begun(name)
-    aside, path = setup.getPlanner(), setup.solution()
-    setup.setPlanner(SafeRRTConnect(setup.getSpaceInformation()))
+    planner, path = setup.getPlanner(), setup.solution()
+    if aside:
+        setup.setPlanner(SafeRRTConnect(setup.getSpaceInformation()))
     way = Curve(setup.robot, path)
-    middle = way.at(np.array([0.5 * way.length]))[0]
-    setup.setStateValidityChecker(lambda state: bool(np.linalg.norm(setup.bridge.read(state) - middle) > 0.05))
+    BAR[bar](setup, way.at(np.array([0.5 * way.length]))[0])
+    assert not setup.haveSolutionPath()
     assert not setup.is_free(path)
-    setup.setPlanner(aside)
+    setup.setPlanner(planner)
     assert setup.is_free(solved(setup, name))
 
 

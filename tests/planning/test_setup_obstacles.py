@@ -5,12 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ompl import geometric as og
 
-from safe_ompl import Box, BubblePlanner, Obstacle, Pose, SafeRRTConnect, Scenario, Sphere
+from safe_ompl import Box, Obstacle, Pose, Scenario, Sphere
 from safe_ompl.common import CollisionError, InputError, StaleSceneError, UnknownNameError
 from safe_ompl.planning import SafeSetup, setup_scenario
-from safe_ompl.planning.simplification import Curve
 
 PLANNERS = ["SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect"]
 BALL = Obstacle("ball", Sphere(0.1), Pose((0.3, 0.5, 0.4)), weight=0.5)
@@ -61,22 +59,6 @@ def test_what_is_movable_or_has_moved_once_moves_in_place(setup, scenario):
     checker = movable.checker
     movable.moveObstacle("ball", Pose((0.3, 0.6, 0.6)))
     assert movable.checker is checker
-
-
-@pytest.mark.parametrize("planner", [BubblePlanner, SafeRRTConnect, og.RRTConnect])
-def test_a_planner_that_is_set_plans_in_the_scene_as_it_is(setup, planner):
-    setup.setPlanner(planner(setup.getSpaceInformation()))
-    assert setup.solve(20.0)
-    before = setup.solution()
-    way = Curve(setup.robot, before)
-    tips = [setup.robot.tip_pose(q).translation for q in way.at(np.linspace(0, way.length, 50))]
-    place = max(tips, key=lambda tip: min(np.linalg.norm(tip - tips[0]), np.linalg.norm(tip - tips[-1])))
-    setup.addObstacle(Obstacle("new", Sphere(0.05), Pose(tuple(place))))
-    assert not setup.haveSolutionPath()
-    assert not setup.is_free(before)
-    if setup.solve(20.0):
-        assert setup.is_free(setup.solution())
-        assert not np.array_equal(setup.solution(), before)
 
 
 def test_planning_says_what_stands_in_the_start(setup, scenario):
