@@ -144,8 +144,7 @@ def quiet_ompl():
     ou.noOutputHandler()
     yield
     ou.setLogLevel(level)  # the command line lowers it
-    if handler is not None:  # a fixture of a module may have silenced OMPL before
-        ou.useOutputHandler(handler)
+    ou.useOutputHandler(handler)
 
 
 @pytest.fixture(autouse=True)

@@ -137,13 +137,6 @@ def test_one_model_answers_several_threads_as_it_answers_one(robot_named, scene,
         assert not {key: found for key, found in wrong.items() if found}
 
 
-def test_a_model_made_and_used_in_one_thread_serves_another_one(panda, scene):
-    asked, q = questions(scene, panda), np.zeros(panda.n)
-    here = {key: ask(q, q + 0.1) for key, ask in asked.items()}
-    (there,) = in_threads(lambda k: {key: ask(q, q + 0.1) for key, ask in asked.items()}, 1)
-    assert all(same(there[key], answer) for key, answer in here.items())
-
-
 def test_a_proof_is_of_one_scene_though_another_thread_moves_the_obstacle(panda, monkeypatch):
     """The obstacle changes sides in the middle of a proof: each half of the edge would be free when it is looked at."""
     start, end = np.array([-1.2, 0.6, 0, -1.5, 0, 2.0, 0]), np.array([1.2, 0.6, 0, -1.5, 0, 2.0, 0])

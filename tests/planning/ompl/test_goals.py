@@ -52,24 +52,19 @@ def draw(setup, goal, number=1):
 # ------------------------------------------------------------------------------------------------------------- goals
 
 
-@pytest.mark.parametrize("rotation", [None, ROTATION])
-def test_the_solutions_are_valid_and_at_the_place(setup, rotation):
-    goal = goal_for(setup, rotation=rotation, tolerance=0.005)
-    for q in draw(setup, goal, 8):
-        tip = setup.robot.tip_pose(q)
+@pytest.mark.parametrize(("place", "rotation"), [(POSITION, None), (POSITION, ROTATION), (SHELF, None), (RING, None)])
+def test_the_solutions_are_valid_and_at_the_place_or_all_over_the_region(setup, place, rotation):
+    region = isinstance(place, GoalRegion)
+    drawn = draw(setup, goal_for(setup, place, rotation, tolerance=0.01 if region else 0.005), 12)
+    assert all(setup.robot.within_limits(q, 0.0).all() and not setup.checker.in_collision(q) for q in drawn)
+    tips = [setup.robot.tip_pose(q) for q in drawn]
+    if region:
+        assert np.ptp([tip.translation for tip in tips], axis=0)[:2].min() > 0.05
+        assert max(place.distance(tip) for tip in tips) < 1e-4
+        return
+    for tip in tips:
         assert np.linalg.norm(tip.translation - POSITION) < 5e-4
         assert rotation is None or np.linalg.norm(pin.log3(rotation.T @ tip.rotation)) < 2e-3
-        assert setup.robot.within_limits(q, 0.0).all()
-        assert not setup.checker.in_collision(q)
-
-
-@pytest.mark.parametrize("region", REGIONS)
-def test_the_solutions_are_all_over_a_region(setup, region):
-    drawn = draw(setup, goal_for(setup, region), 12)
-    poses = [setup.robot.tip_pose(q) for q in drawn]
-    assert np.ptp([pose.translation for pose in poses], axis=0)[:2].min() > 0.05
-    assert max(region.distance(pose) for pose in poses) < 1e-4
-    assert all(setup.robot.within_limits(q, 0.0).all() and not setup.checker.in_collision(q) for q in drawn)
 
 
 @pytest.mark.parametrize("goal", [POSITION, *REGIONS])

@@ -53,25 +53,21 @@ def test_costs_that_are_plain_numbers_are_refused(ur5, planner):
         setup.solve(1.0)
 
 
-def test_a_path_of_ompl_is_reported_as_its_way_points_are(ur5):
-    setup = SafeSetup(ur5, Scene(()))
-    rows = np.array([np.zeros(6), np.full(6, 0.5)])
-    path = og.PathGeometric(setup.getSpaceInformation())
-    for q in rows:
-        state = setup.getStateSpace().allocState()
-        state[0:6] = q.tolist()
-        path.append(state)
-    assert setup.report(path).certified
-    assert setup.report(path).length == setup.report(rows).length
-    assert setup.is_free(path)
+OVER_THE_HALF_TURN = [[first, 2.9, 1.3, 3.0, 1.8, -3.0] for first in (3.0, -3.0)]
 
 
-def test_a_path_of_ompl_over_the_half_turn_goes_the_short_way(kinova):
-    setup = SafeSetup(kinova, Scene(()))
+@pytest.mark.parametrize(
+    ("name", "rows", "length"),
+    [("ur5", [np.zeros(6), np.full(6, 0.5)], 0.5 * 6**0.5), ("kinova", OVER_THE_HALF_TURN, 2 * np.pi - 6)],
+)
+def test_a_path_of_ompl_is_reported_as_its_way_points_the_short_way_round(robot_named, name, rows, length):
+    setup = SafeSetup(robot_named(name), Scene(()))
     path, scratch = og.PathGeometric(setup.getSpaceInformation()), ScratchState(setup.bridge)
-    for first in (3.0, -3.0):
-        path.append(scratch.set(np.array([first, 2.9, 1.3, 3.0, 1.8, -3.0])))
-    assert setup.report(path).length == pytest.approx(2 * np.pi - 6)
+    for q in rows:
+        path.append(scratch.set(np.array(q)))
+    assert setup.report(path).certified
+    assert setup.is_free(path)
+    assert setup.report(path).length == pytest.approx(length)
 
 
 OUTSIDE = [

@@ -8,9 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from ball import GOAL, IN_BALL, SCENE, START, never, setup_for
-from ompl import util as ou
 
-from safe_ompl import CollisionChecker, DangerField, InputError, MotionProver, SafeSetup, Scene
+from safe_ompl import CollisionChecker, DangerField, InputError, SafeSetup, Scene
 from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Sphere
 from safe_ompl.planning.simplification import PathReport, Simplifier, timed
 from safe_ompl.planning.simplification.cost import ObstacleCost
@@ -24,15 +23,7 @@ AWAY = GRASP * [-1, 1, 1, 1, 1, 1, 1] - [0, 0.3, 0, 0, 0, 0, 0]
 
 
 @pytest.fixture(scope="module")
-def quiet():
-    handler = ou.getOutputHandler()
-    ou.noOutputHandler()
-    yield
-    ou.useOutputHandler(handler)
-
-
-@pytest.fixture(scope="module")
-def setup(ur5, quiet):
+def setup(ur5):
     dangerous = Obstacle("shelf", Box((0.3, 0.6, 0.02)), Pose((0.5, 0.0, 0.1)), weight=1.0)
     return setup_for(ur5, SCENE.without("shelf").with_obstacles(dangerous))
 
@@ -73,11 +64,6 @@ def length(path):
     return np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
 
 
-def is_free(checker, path):
-    motion = MotionProver(checker)
-    return all(motion.is_free(a, b) for a, b in pairwise(path))
-
-
 def after(asked):
     """Return what says stop when it has been asked so often."""
     questions = iter(range(asked))
@@ -106,7 +92,7 @@ def test_every_path_on_the_way_is_proven_cheaper_than_the_given_one_and_short_en
     for path, better, steps in simplified:
         np.testing.assert_array_equal(steps[-1][0], better)
         for step, known in steps:
-            assert is_free(setup.checker, step)
+            assert setup.is_free(step)
             np.testing.assert_array_equal(step[[0, -1]], path[[0, -1]])
             assert length(step) <= 1.25 * length(path) + 1e-9
             assert cost.of(step) == pytest.approx(known, rel=0.02)
@@ -165,7 +151,7 @@ def test_the_first_path_on_a_checker_becomes_what_it_becomes_later(planar2):
 def test_stopped_anywhere_the_path_is_proven_and_no_dearer(setup, raw, asked):
     found, cost = simplify(setup, raw[1], after(asked)), setup.simplifier.cost
     np.testing.assert_array_equal(found[[0, -1]], raw[1][[0, -1]])
-    assert is_free(setup.checker, found)
+    assert setup.is_free(found)
     assert cost.of(found) <= cost.of(raw[1]) * (1 + 1e-9)
 
 
@@ -196,7 +182,7 @@ def test_a_joint_that_turns_too_far_goes_the_short_way(kinova, rng):
     simplifier = Simplifier(checker, DangerField(kinova, [[0.5, 0.5, 0.5]]), weight=0.0, clearance=0.0)
     found = simplifier.simplify(path, never)
     assert length(found) == pytest.approx(2 * np.pi - 4.4, rel=1e-6)
-    assert is_free(checker, found)
+    assert PathReport.of(found, checker).certified
     np.testing.assert_allclose(kinova.difference(found[-1], path[-1]), 0.0, atol=1e-12)
     path = rng.uniform(-7, 7, (20, kinova.n))
     found = kinova.unrolled(path)
@@ -228,7 +214,7 @@ def test_what_makes_no_sense(setup, raw, options, message):
 
 
 @pytest.fixture(scope="module")
-def grasp(panda, quiet):
+def grasp(panda):
     """Return a problem with a can between the fingers, its axis across the hand."""
     tip = panda.tip_pose(GRASP)
     across = tip.rotation @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
