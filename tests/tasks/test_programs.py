@@ -9,10 +9,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import Box, InputError, Obstacle, Scene, plan_program
-from safe_ompl.robot import Robot
+from safe_ompl import Box, InputError, plan_program
+from safe_ompl.robot import Attachment
 from safe_ompl.scene import Attach, Detach, Gripper, Scenario, list_scenarios
 from safe_ompl.tasks import program_robot
+from safe_ompl.tasks.workcell import Workcell
 
 PATIENCE = 300.0  # [s], for a machine that does much else
 DOWN = {"rpy": [np.pi, 0.0, 0.0]}
@@ -177,56 +178,30 @@ def test_a_choice_out_of_reach_does_not_hide_others():
     assert "not solved: step 5" in str(none)
 
 
-def test_a_step_that_begins_in_a_contact_names_the_key_that_it_needs():
-    found = plan_program(scenario([*STEPS[:3], {"wait": 0.2}]), time=PATIENCE)
-    assert found.why == (
+NOT_SOLVED = [
+    (
+        [*STEPS[:3], {"wait": 0.2}],
         "step 4 (wait time 0.2): 'red' touches 'table' where it begins: "
-        "if they may touch on this step, give it `touching: [[red, table]]`"
-    )
+        "if they may touch on this step, give it `touching: [[red, table]]`",
+    ),
+    ([STEPS[4]], "step 1 (move place red up 0.06): 'red' is not held"),
+    ([STEPS[6]], "step 1 (detach object red): 'red' is not held"),
+    ([STEPS[2], STEPS[2]], "step 2 (attach object red): 'red' is held already"),
+    ([STEPS[2], STEPS[0]], "step 2 (move grasp red back 0.08): 'red' is held already"),
+]
 
 
-def with_step(given, number, **changes):
-    """Return a scenario with one step of its program changed."""
-    steps = list(given.program.steps)
-    steps[number] = replace(steps[number], **changes)
-    return replace(given, program=replace(given.program, steps=tuple(steps)))
+@pytest.mark.parametrize(("steps", "why"), NOT_SOLVED, ids=range(len(NOT_SOLVED)))
+def test_why_a_step_cannot_be_planned(steps, why):
+    assert plan_program(scenario(steps), time=PATIENCE).why == why
 
 
-def test_the_other_hand_touches_what_is_held_only_where_a_step_says_so():
-    given = Scenario.load(list_scenarios(programs=True)["pandas_handover"])
-    number = 7
-    assert given.program.steps[number].touching
-    found = plan_program(with_step(given, number, touching=()), time=20.0)
-    assert not found
-    assert found.why.startswith("step 8 (gripper joints right_panda_finger_joint1 0.0145): ")
-    assert "rod" in found.why
-    deep = with_step(given, number, joints={"right_panda_finger_joint1": 0.0125})
-    assert plan_program(deep, time=20.0).why.startswith("step 8 (gripper ")
-
-
-def holding_a_beam(x, locked="panda_joint2"):
-    """Return a program that takes a beam as far beside the hand, and moves a locked joint of the arm as a gripper."""
-    joints = {"panda_joint2": -0.5, "panda_joint4": -1.5}
-    free = {name: value for name, value in joints.items() if name != locked}
-    values = {**free, "panda_joint6": 1.5, "panda_joint7": 0.785}
-    robot = Robot.from_example("panda", locked={**dict.fromkeys(FINGERS, 0.04), locked: joints[locked]})
-    start = [values.get(name, 0.0) for name in robot.joint_names]
-    pose = robot.tip_pose(np.array(start)) * pin.SE3(np.eye(3), np.array([x, 0.0, 0.05]))
-    beam = Obstacle("beam", Box((0.5, 0.03, 0.03)), pose)
-    steps = [{"attach": "beam"}, {"gripper": {"joints": {locked: joints[locked] - 0.1}}}]
-    return Scenario("fold", robot.spec, Scene([beam]), start=tuple(start), program={"steps": steps})
-
-
-FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
-
-
-@pytest.mark.parametrize("locked", ["panda_joint2", "panda_joint4"])
-def test_links_behind_a_locked_joint_are_no_fingers(locked):
-    """A beam that lies in panda_link2 is no more allowed there than with any other joint of the arm."""
-    assert plan_program(holding_a_beam(0.35, locked))
-    found = plan_program(holding_a_beam(-0.35, locked))
-    assert found.why.startswith(f"step 2 (gripper joints {locked}")
-    assert "'panda_link2' touches 'beam'" in found.why
+def test_a_contact_of_a_step_leaves_the_fingers_as_deep_as_they_were():
+    given = scenario([STEPS[2], {"wait": {"time": 0.1, "touching": [["link6", "red"]], "depth": 0.002}}])
+    cell = Workcell(given)
+    held = Attachment("red", Box(RED["size"]), cell.robot.tip, touch_links=("link7",), touch_depth=0.01)
+    (item,) = cell.during(given.program.steps[1], cell.begin._replace(held=(held,))).held
+    assert (item.touch_links, item.touch_depth) == (("link7", "link6"), 0.01)
 
 
 CHOICES = {  # the first arm holds what the other one grasps; only the third grasp fits the place

@@ -151,26 +151,36 @@ def test_it_begins_where_the_arm_is(arm):
             tool_motion(path, arm, SCENE, start=elsewhere)
 
 
-def test_a_curve_that_comes_back_to_where_the_tip_stands_is_not_followed():
-    """The ends agree, and the robot does not move: only the bend of the curve says how far it goes between."""
-    robot = Robot.from_example("panda")
-    path = ToolPath.arc(at(0.4, -0.001, 0.4), [0.5, 0.0, 0.4], at(0.4, 0.001, 0.4))
-    q = inverse_kinematics(robot, at(0.4, 0.0, 0.4))
-    motion = Motion([0.0, path.length], np.array([[q, 0.0 * q]]), timed=False)
-    proof = prove_corridor(motion, robot, path, Corridor(0.01, 0.5))
+ASIDE = [
+    pin.SE3(pin.utils.rotate("z", a) @ DOWN, np.array([0.4 * np.cos(a), 0.4 * np.sin(a), 0.4])) for a in (-0.3, 0.3)
+]
+# A curve, the joint that moves, the coefficients of its polynomial [rad], and a corridor.
+ONLY_BETWEEN = {
+    "the curve goes away and comes back": (
+        ToolPath.arc(at(0.4, -0.001, 0.4), [0.5, 0.0, 0.4], at(0.4, 0.001, 0.4)),
+        0,
+        [0.0],
+        Corridor(0.01, 0.5),
+    ),
+    "the tip turns and turns back": (
+        ToolPath.line(at(0.4, 0.0, 0.4), at(0.401, 0.0, 0.4)),
+        6,
+        [0.0, 0.0, 16.0, -32.0, 16.0],
+        Corridor(10.0, 0.5),
+    ),
+    "a joint turns steadily": (ToolPath.line(*ASIDE), 0, [-0.3, 0.6], Corridor(0.01, 0.5)),
+}
+
+
+@pytest.mark.parametrize("case", ONLY_BETWEEN)
+def test_what_leaves_the_corridor_only_between_the_ends_is_seen(case):
+    """At both ends the tip is where it ought to be: only bounds of accelerations say that it is elsewhere between."""
+    robot, (path, joint, powers, corridor) = Robot.from_example("panda"), ONLY_BETWEEN[case]
+    coefficients = np.outer([*powers, 0.0], np.eye(robot.n)[joint])
+    coefficients[0] += inverse_kinematics(robot, at(0.4, 0.0, 0.4))
+    proof = prove_corridor(Motion([0.0, path.length], coefficients[None], timed=False), robot, path, corridor)
     assert proof.outside
     assert not proof.proven
-
-
-def test_a_turn_and_back_between_the_ends_is_seen():
-    """At both ends the tip is where it ought to be, and at rest: only the joint's acceleration says that it turns."""
-    robot, path = Robot.from_example("panda"), ToolPath.line(at(0.4, 0.0, 0.4), at(0.401, 0.0, 0.4))
-    there_and_back = np.array([0.0, 0.0, 16.0, -32.0, 16.0])[:, None] * np.eye(robot.n)[-1]
-    there_and_back[0] = inverse_kinematics(robot, at(0.4, 0.0, 0.4))
-    proof = prove_corridor(
-        Motion([0.0, path.length], there_and_back[None], timed=False), robot, path, Corridor(10.0, 0.5)
-    )
-    assert proof.outside
     assert proof.at == pytest.approx(path.length / 2)
 
 

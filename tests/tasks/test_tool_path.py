@@ -69,9 +69,9 @@ def test_bounds_hold(path):
 
 
 def test_paths_go_through_their_poses():
-    for name, poses in (("line", (START, END)), ("arc", (START, END)), ("corners", (START, VIA, END))):
+    for name in ("line", "arc", "corners", "blended", "all blended"):
         frames = PATHS[name].at(np.array([0.0, PATHS[name].length]))
-        for k, wanted in ((0, poses[0]), (1, poses[-1])):
+        for k, wanted in enumerate((START, END)):
             np.testing.assert_allclose(frames.positions[k], wanted.translation, atol=1e-12)
             np.testing.assert_allclose(frames.rotations[k], wanted.rotation, atol=1e-12)
     near = PATHS["arc"].at(np.linspace(0, PATHS["arc"].length, 20001)).positions - VIA.translation

@@ -29,10 +29,11 @@ class AtOnce(Executor):
         return done
 
 
-def panda(shield=False):
-    """Return the Panda between shelf and table, and an operator who is tracked."""
-    scenario, options = Scenario.load("panda_shelf"), argparse.Namespace(**OPTIONS, shield=shield)
-    return cell_of(scenario, scenario.build_robot(), trackers_of(scenario, options), options, ControlOptions())
+def panda(given="panda_shelf", shield=False, control=None):
+    """Return the cell of a scenario of a Panda, or of the name of one, beside an operator who is tracked."""
+    given, options = given if isinstance(given, Scenario) else Scenario.load(given), argparse.Namespace(**OPTIONS)
+    options.shield = shield
+    return cell_of(given, given.build_robot(), trackers_of(given, options), options, control or ControlOptions())
 
 
 def ball(centre):

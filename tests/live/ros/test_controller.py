@@ -1,16 +1,14 @@
 """A robot driven to goals beside people, with messages lost, late, out of order and broken; without ROS."""
 
-import argparse
 from dataclasses import replace
 from itertools import count
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from driving import AWAY, BODY, GOAL, OPTIONS, START, Drive, ball, panda
+from driving import AWAY, BODY, GOAL, START, Drive, ball, panda
 
 from safe_ompl import CollisionChecker, InputError, Motion
-from safe_ompl.apps.cli.ros import cell_of, trackers_of
 from safe_ompl.geometry import STANDING, Pose, Sphere
 from safe_ompl.live.replanning import ReplanningOptions
 from safe_ompl.live.ros import ControlOptions
@@ -55,12 +53,13 @@ def test_it_drives_to_a_goal_and_back(drive):
 
 def work(finger=0.04):
     """Return a drive of the Panda that carries a cube, and waits after it has it, beside a person who is tracked."""
-    given, options = Scenario.load("panda_pick_place"), argparse.Namespace(**OPTIONS, shield=False)
+    given = Scenario.load("panda_pick_place")
     steps = given.program.steps
     rest = Wait(time=0.5, touching=(("cube", "table"),))
     given = replace(given, program=replace(given.program, steps=(*steps[:4], rest, *steps[4:])))
-    found = cell_of(given, given.build_robot(), trackers_of(given, options), options, ControlOptions(tolerance=0.02))
-    return Drive(found, [*given.start_configuration(given.build_robot()), finger])
+    return Drive(
+        panda(given, control=ControlOptions(tolerance=0.02)), [*given.start_configuration(given.build_robot()), finger]
+    )
 
 
 def test_a_program_goes_on_where_it_stopped():
@@ -166,10 +165,10 @@ class Late(Drive):
 
 @pytest.mark.parametrize("lag", [0.0, 0.1])
 def test_in_a_tube_a_robot_is_late_by_no_more_than_the_lag(lag):
-    given, options = Scenario.load("panda_shelf"), argparse.Namespace(**OPTIONS, shield=False)
+    given = Scenario.load("panda_shelf")
     given = replace(given, limits=replace(given.limits, tube=0.005))
     control = ControlOptions(ReplanningOptions(lag=lag))
-    drive = Late(cell_of(given, given.build_robot(), trackers_of(given, options), options, control), control=control)
+    drive = Late(panda(given, control=control), control=control)
     drive.go()
     reasons = " ".join(tick["reason"] for tick in drive.run(2.0))
     assert ("from where it should be, and 0.005 is allowed" in reasons) == (lag == 0.0)
@@ -285,11 +284,11 @@ def test_points_of_robot_and_person_are_left_out_and_new_ones_stop_the_robot(dri
 
 
 def test_behind_a_shield_the_jerk_of_the_scenario_is_kept():
-    given, options = Scenario.load("panda_shelf"), argparse.Namespace(**OPTIONS, shield=True)
+    given = Scenario.load("panda_shelf")
     given = replace(given, motion=replace(given.motion, jerk=500.0))
-    found = cell_of(given, given.build_robot(), trackers_of(given, options), options, ControlOptions())
-    start = given.start_configuration(found.robot)
-    shield = found.plan(start, start, None)
+    cell = panda(given, shield=True)
+    start = given.start_configuration(cell.robot)
+    shield = cell.plan(start, start, None)
     np.testing.assert_array_equal(shield.limits.joints.jerk, 500.0)
 
 
@@ -323,7 +322,7 @@ def test_behind_a_shield_proposals_are_followed_as_far_as_they_are_proven():
 @pytest.mark.parametrize("shield", [False, True])
 def test_a_robot_slightly_outside_its_limits_is_driven_from_the_limit(shield, caplog):
     """By at most 0.05 rad, which the controller's own tolerance allows; farther outside nothing is planned."""
-    cell, start = panda(shield), np.array(START)
+    cell, start = panda(shield=shield), np.array(START)
     start[5] = cell.robot.upper[5] + 0.04
     pilot = cell.plan(start, np.array(GOAL), None)
     pilot.update({}, {}, 0.0)

@@ -158,35 +158,38 @@ def test_a_new_trajectory_takes_the_place_of_the_old_one(drive, there):
     assert "from where 'panda_joint1' stands, and 0.05 is allowed" in elsewhere[0].reason
 
 
-@pytest.mark.parametrize("lost", ["people", "joints", "both"])
-def test_what_is_lost_stops_it_and_it_goes_on(drive, there, lost):
+def obstruct(drive, present):
+    """Let a cloud show a wall, and perhaps a thing on the way."""
+    wall, thing = ball([-0.6, -0.6, 0.3]), ball(drive.robot.keypoints(np.array(WAY[2]))[-1])
+    drive.controller.receive_cloud(drive.time, np.concatenate([wall, thing]) if present else wall)
+
+
+def lose(*names):
+    return lambda drive, lost: vars(drive).update(dict.fromkeys(names, lost))
+
+
+@pytest.mark.parametrize(
+    ("fault", "rejected"),
+    [
+        (lose("people"), ""),
+        (lose("joints"), ""),
+        (lose("people", "joints"), ""),
+        (obstruct, "not proven free of collision at "),
+    ],
+)
+def test_a_fault_stops_it_on_the_path_until_it_is_gone(drive, there, fault, rejected):
+    drive.run(0.05)
+    fault(drive, False)
     execution, outcomes = send(drive, *there)
-    drive.run(0.7)
-    names = ("people", "joints") if lost == "both" else (lost,)
-    for name in names:
-        setattr(drive, name, True)
+    drive.run(0.6)
+    fault(drive, True)
     drive.run(2.0)
     assert not drive.qd.any()
     assert 0 < execution.done < execution.duration
-    for name in names:
-        setattr(drive, name, False)
+    assert execution.rejection.startswith(rejected)
+    fault(drive, False)
     arrives(drive, outcomes)
     assert off_path(drive, execution.motion) < 2e-3
-
-
-def test_new_points_of_a_cloud_stop_it_until_they_are_gone(drive, there):
-    wall, thing = ball([-0.6, -0.6, 0.3]), ball(drive.robot.keypoints(np.array(WAY[2]))[-1])
-    drive.run(0.05)
-    drive.controller.receive_cloud(drive.time, wall)
-    execution, outcomes = send(drive, *there)
-    drive.run(0.5)
-    drive.controller.receive_cloud(drive.time, np.concatenate([wall, thing]))
-    drive.run(1.2)
-    assert not drive.qd.any()
-    assert not outcomes
-    assert execution.rejection.startswith("not proven free of collision at ")
-    drive.controller.receive_cloud(drive.time, wall)
-    arrives(drive, outcomes)
 
 
 # ----------------------------------------------------------------------------------------------------- tolerances

@@ -3,9 +3,11 @@
 from itertools import pairwise
 
 import numpy as np
+import pinocchio as pin
 
-from safe_ompl import Pose
+from safe_ompl import Pose, Sphere
 from safe_ompl.live.replanning import Action
+from safe_ompl.live.simulation import ContactMonitor, part_solids
 
 HOME = np.array([-1.0, 0.0, 0.0, -2.0, 0.0, 2.2, 0.785])
 SWING = np.array([1.0, 0.3, 0.0, -0.3, 0.0, 0.3, 0.0])
@@ -69,6 +71,26 @@ def check_commands(pilot, limits, commands):
         assert (steps <= limits.jerk * step**3 / 4 + 1e-9).all()
         assert (np.abs(np.diff(qd, axis=0) - step * (qdd[1:] + qdd[:-1]) / 2) <= limits.jerk * step**2 / 4 + 1e-9).all()
         assert (np.abs(np.diff(qdd, axis=0)) <= limits.jerk * step * (1 + 1e-6) + 1e-7).all()
+
+
+def check_stops(shield, commands, ball, tube=0.0, lag=0.0):
+    """Fail where a ball that grows as fast as it may reaches a moving robot; return at how many instants it moved.
+
+    The ball is where `ball` had it when it was measured. The robot may be at any corner of its tube [rad].
+    """
+    monitor, moved = ContactMonitor(shield.robot), 0
+    for command in commands:
+        solids = part_solids("ball", Sphere(0.1), pin.SE3(np.eye(3), np.array(ball(command.measured))))
+        for t in np.linspace(command.time, command.standstill, 30).tolist():
+            q, qd, _ = command.at(t)
+            if np.abs(qd).max() < 1e-6:
+                continue
+            for off in tube * np.eye(7) if tube else ():  # the nearest corner of the tube, joint by joint
+                q = min((q - off, q + off), key=lambda q: monitor.nearest(q, solids).distance)
+            assert monitor.nearest(q, solids).distance > 1.6 * (t + lag - command.measured) - 1e-9
+            assert not shield.prover.checker.in_collision(q)
+            moved += 1
+    return moved
 
 
 def swing(t):

@@ -156,6 +156,21 @@ def test_after_a_stop_it_goes_on_by_itself_and_says_why(replanner_for, to_and_fr
     assert "standing: " in caplog.text
 
 
+def far_away(time, lost, away):
+    return ({}, {}) if lost <= time else ({}, {"ball": Pose((30.0 + (away if time >= 0.3 else 0.0), 0.0, 0.0))})
+
+
+@pytest.mark.parametrize(
+    ("lost", "away", "begin", "why"), [(0.1, 0.0, 0.57, "was not seen for"), (9.0, 5.0, 0.32, "farther than promised")]
+)
+def test_who_is_lost_or_too_fast_stops_it_from_however_far_away(replanner_for, to_and_fro, lost, away, begin, why):
+    replanner = replanner_for("ball")
+    commands = drive_replanner(replanner, to_and_fro(replanner)[0], lambda t: far_away(t, lost, away), 0.7, think=False)
+    (first, *_) = [command for command in commands if command.action is Action.BRAKING]
+    assert first.time == pytest.approx(begin)
+    assert why in first.reason
+
+
 def test_clearance_is_left(replanner_for, to_and_fro):
     still = {}, {"ball": Pose((0.85, 0.0, 0.5))}
     for clearance, end in ((0.0, Action.DONE), (0.3, Action.STANDING)):

@@ -102,6 +102,8 @@ def test_the_monitor_notes_contacts_once_and_whether_the_robot_moved(panda):
     monitor.observe(0.5, q, touching, moving=False, obeyed=True)
     found = [(c.time, c.moving, c.limb) for c in monitor.contacts]
     assert found == [(0.1, True, "right_hand"), (0.5, False, "right_hand")]
+    for touch in monitor.touches(q, 2.0 * np.eye(7)[0], touching):  # the first joint turns about the axis z
+        assert touch.speed == pytest.approx(2.0 * np.hypot(*touch.point[:2]))
 
 
 # -------------------------------------------------------------------------------------------------------- movers
