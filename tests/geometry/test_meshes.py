@@ -1,5 +1,6 @@
 """Files of meshes: units, axes and nodes are obeyed, and what would not be read is refused."""
 
+import re
 import struct
 import xml.etree.ElementTree as ElementTree
 
@@ -14,6 +15,7 @@ LOW, HIGH = np.array([1.0, 3.0, 7.0]), np.array([2.0, 5.0, 10.0])
 CORNERS = np.array([(x, y, z) for x in (1, 2) for y in (3, 5) for z in (7, 10)], dtype=float)
 FACES = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)]
 FACES += [(2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
+CORNERS_OF_SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 INPUT = '<input semantic="VERTEX" source="#v" offset="0"/>'
 TRIANGLES = f'<triangles count="12">{INPUT}<p>{" ".join(map(str, np.ravel(FACES)))}</p></triangles>'
 BLOCK = '<instance_geometry url="#block"/>'
@@ -36,6 +38,15 @@ def collada(path, asset=HEAD, nodes=NODE, shape=TRIANGLES, more="", scenes="", s
         <scene><instance_visual_scene url="#{scene}"/></scene></COLLADA>"""
     )
     return path
+
+
+def written(folder, name, content):
+    """Write a file of text, bytes, or what a block of COLLADA has of its own; None writes none."""
+    if isinstance(content, dict):
+        return collada(folder / name, **content)
+    if content is not None:
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    return folder / name
 
 
 def box(vertices):
@@ -93,6 +104,9 @@ ROWS = "".join("{:g} {:g} {:g}\n".format(*corner) for corner in CORNERS)
 ROWS += "".join("3 {} {} {}\n".format(*face) for face in FACES)
 BINARY_PLY = PLY.format("binary_little_endian").encode() + CORNERS.tobytes()
 BINARY_PLY += b"".join(struct.pack("<Biii", 3, *face) for face in FACES)
+QUADS = PLY.replace("double", "float").replace("12", "6").format("binary_big_endian").encode()
+QUADS += CORNERS.astype(">f4").tobytes()
+QUADS += np.array([(4, quad) for quad in CORNERS_OF_SIDES], [("", "u1"), ("", ">i4", 4)]).tobytes()
 OBJ = "".join("v {:g} {:g} {:g}\n".format(*corner) for corner in CORNERS)
 OBJ += "".join("f {} {} {}\n".format(*(k + 1 for k in face)) for face in FACES)
 FACET = "facet normal 0 0 0\nouter loop\n" + 3 * "vertex {:g} {:g} {:g}\n" + "endloop\nendfacet\n"
@@ -102,6 +116,7 @@ STL = "solid a\n" + "".join(FACET.format(*CORNERS[list(face)].ravel()) for face 
 READ = [
     ("a.ply", PLY.format("ascii") + ROWS),
     ("a.ply", BINARY_PLY),
+    ("a.ply", QUADS),
     ("a.stl", STL),
     ("a.stl", STL.replace("\n", "\r\n")),
     ("a.stl", STL.replace("solid a", "solid solid") + STL),
@@ -112,9 +127,11 @@ READ = [
 
 @pytest.mark.parametrize(("name", "content"), READ)
 def test_other_forms_are_read_as_they_stand(tmp_path, name, content):
-    file = tmp_path / name
-    file.write_bytes(content if isinstance(content, bytes) else content.encode())
-    np.testing.assert_allclose(box(Mesh(file, convex=False).surface[0]), [LOW, HIGH], atol=1e-6)
+    file = written(tmp_path, name, content)
+    for convex in (True, False):
+        vertices, triangles = Mesh(file, convex=convex).surface
+        assert len(triangles) >= 12
+        np.testing.assert_allclose(box(vertices), [LOW, HIGH], atol=1e-6)
 
 
 UNREAD = {"convex_mesh": '<convex_mesh convex_hull_of="#block"/>', "skew": "<skew>45 1 0 0 0 1 0</skew>"}
@@ -159,17 +176,18 @@ NOT_READ = [
     ("a.obj", OBJ + "surf 0 1 0 1 1 2 3 4\n", "the statement 'surf' cannot be read"),
     ("a.obj", OBJ + "  call other.obj\n", "the statement 'call' cannot be read"),
     ("a.obj", OBJ.partition("f ")[0], "no triangles; points alone are a pointcloud"),
+    ("a.obj", re.sub(r"(v \S+ \S+) \S+", r"\1 1", OBJ), "is flat: a mesh obstacle needs a volume"),
+    ("points.ply", "ply\nformat ascii 1.0\nelement vertex 0\nend_header\n", ""),
+    ("missing.stl", None, "does not exist"),
+    ("cube.step", "", r"must end in \.stl or \.obj or \.dae"),
+    ("broken.stl", "this is no mesh", "cannot be read as a mesh"),
 ]
 
 
 @pytest.mark.parametrize(("name", "content", "message"), NOT_READ)
 def test_what_would_not_be_read_is_refused(tmp_path, name, content, message):
     """By Assimp these are read in part, in the wrong size or place, or end the process."""
-    file = tmp_path / name
-    if isinstance(content, dict):
-        collada(file, **content)
-    else:
-        file.write_bytes(content if isinstance(content, bytes) else content.encode())
+    file = written(tmp_path, name, content)
     with pytest.raises(InputError, match=f"^file: .*{name}.*{message}") as found:
         Mesh(file)
     assert "\n" not in str(found.value)
@@ -219,6 +237,8 @@ def test_units_of_a_robots_meshes_count_and_its_links_have_the_axes(edited, tmp_
 
 NOT_READ_OF_ROBOTS = [
     ("hand.dae", {"nodes": node(UNREAD["skew"])}, "hand.dae: <skew> cannot be read"),
+    ("package://nowhere/a.obj", None, "'package://nowhere/a.obj' not"),
+    ("broken.stl", "solid nothing", "broken.stl is cut off"),
     ("hand.ply", BINARY_PLY[:-20], "hand.ply cannot be read as PLY"),
     ("hand.glb", b"glTF", "hand.glb cannot be read as a mesh; convert it to one of .stl, .obj, .dae, .ply"),
 ]
@@ -226,9 +246,6 @@ NOT_READ_OF_ROBOTS = [
 
 @pytest.mark.parametrize(("name", "content", "message"), NOT_READ_OF_ROBOTS)
 def test_a_robots_mesh_that_would_not_be_read_is_refused(edited, tmp_path, name, content, message):
-    if isinstance(content, dict):
-        collada(tmp_path / name, **content)
-    else:
-        (tmp_path / name).write_bytes(content)
+    written(tmp_path, name, content)
     with pytest.raises(InputError, match=f"twin_arm.urdf: link 'left_hand': collision mesh .*{message}"):
         Robot.from_urdf(edited("twin_arm.urdf", "wedge.obj", name))

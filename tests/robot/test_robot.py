@@ -128,19 +128,6 @@ def test_pairs_that_always_touch_are_dropped_and_logged(edited, caplog):
     assert "not checked, as in contact in over 95% of samples: upper_0–hand_0" in caplog.text
 
 
-@pytest.mark.parametrize(
-    ("mesh", "message"),
-    [
-        ("package://nowhere/a.obj", r"link 'left_hand': collision mesh 'package://nowhere/a.obj' not"),
-        ("broken.stl", r"twin_arm.urdf: link 'left_hand': collision mesh .*broken.stl is cut off"),
-    ],
-)
-def test_meshes_that_are_missing_or_broken(edited, tmp_path, mesh, message):
-    (tmp_path / "broken.stl").write_text("solid nothing")
-    with pytest.raises(InputError, match=message):
-        Robot.from_urdf(edited("twin_arm.urdf", "wedge.obj", mesh))
-
-
 def test_a_flat_mesh_gets_a_little_thickness(edited, tmp_path, caplog):
     urdf = edited("twin_arm.urdf", "wedge.obj", "flat.obj")
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n")

@@ -4,7 +4,6 @@ import math
 
 import coal
 import numpy as np
-import plyfile
 import pytest
 from hypothesis import given, settings, strategies as st
 from oracles.coal_distances import coal_distance
@@ -61,8 +60,8 @@ def volume(shape, resolution):
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-def write_cube(path, height=1.0):
-    corners = [f"v {x} {y} {z * height}" for x, y, z in CUBE_CORNERS]
+def write_cube(path):
+    corners = [f"v {x} {y} {z}" for x, y, z in CUBE_CORNERS]
     faces = ["f " + " ".join(str(k + 1) for k in quad) for quad in CUBE_QUADS]
     path.write_text("\n".join(corners + faces) + "\n")
     return path
@@ -118,6 +117,8 @@ def test_mesh_is_read_scaled_and_covered(tmp_path, convex):
     centred = points - np.array(box.size) / 2
     assert np.abs(signed_distance(box, centred)).max() < 1e-6
     assert distance_to_nearest(surface_samples(box, 300), centred).max() <= 0.1
+    with pytest.raises(InputError, match="scale: must be a positive number, got 0"):
+        Mesh(tmp_path / "cube.obj", (1, 0, 1))
 
 
 def test_hull_is_solid_and_triangles_are_hollow(tmp_path):
@@ -129,43 +130,6 @@ def test_hull_is_solid_and_triangles_are_hollow(tmp_path):
         request, result = coal.CollisionRequest(), coal.CollisionResult()
         hits.append(bool(coal.collide(part.geometry, coal.Transform3s(), coal.Sphere(0.01), inside, request, result)))
     assert hits == [True, False]
-
-
-@pytest.mark.parametrize("form", ["ascii", "<", ">"])
-def test_ply_meshes_are_read(tmp_path, form):
-    corners = np.array(CUBE_CORNERS) * [100.0, 200.0, 300.0]
-    vertices = np.array([tuple(corner) for corner in corners], dtype=[("x", "f4"), ("y", "f4"), ("z", "f4")])
-    faces = np.array([(quad,) for quad in CUBE_QUADS], dtype=[("vertex_indices", "i4", (4,))])
-    elements = [plyfile.PlyElement.describe(vertices, "vertex"), plyfile.PlyElement.describe(faces, "face")]
-    file = tmp_path / "box.ply"
-    plyfile.PlyData(elements, text=form == "ascii", byte_order="=" if form == "ascii" else form).write(file)
-    for convex in (True, False):
-        found, triangles = Mesh(file, (0.001, 0.001, 0.001), convex).surface
-        assert len(triangles) == 12
-        np.testing.assert_allclose(np.unique(found.round(6), axis=0), corners / 1000, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "message"),
-    [
-        ("points.ply", "ply\nformat ascii 1.0\nelement vertex 0\nend_header\n", "file: .*points.ply"),
-        ("missing.stl", None, "does not exist"),
-        ("cube.step", "", r"must end in \.stl or \.obj or \.dae"),
-        ("broken.stl", "this is no mesh", "cannot be read as a mesh"),
-    ],
-)
-def test_unusable_mesh_files_are_refused(tmp_path, name, text, message):
-    if text is not None:
-        (tmp_path / name).write_text(text)
-    with pytest.raises(InputError, match=message):
-        Mesh(tmp_path / name)
-
-
-def test_flat_meshes_and_scales_are_refused(tmp_path):
-    with pytest.raises(InputError, match="flat"):
-        Mesh(write_cube(tmp_path / "flat.obj", height=0.0))
-    with pytest.raises(InputError, match="scale: must be a positive number, got 0"):
-        Mesh(write_cube(tmp_path / "cube.obj"), (1, 0, 1))
 
 
 # -------------------------------------------------------------------------------------------------- people
