@@ -87,8 +87,10 @@ def test_verdicts_are_those_of_coal_alone(robot_named, clutter, monkeypatch, nam
     monkeypatch.setattr(MotionProver, "_by_bounds", lambda *_: BoundsProof(False, -1.0, [[0.0, 1.0]]))
     assert [motion.check(*edge).verdict for edge in asked] == found
     for (start, end), verdict in zip(asked[:30], found, strict=False):
-        half = 0.5 * robot.difference(start, end)  # another timing of the same motion, which is divided elsewhere
-        curved = motion.check_curve([start, half, half]).verdict
+        way = robot.difference(start, end)
+        assert motion.check_curve([start, way]) == motion.check(start, end)
+        # Another timing of the same motion is divided elsewhere.
+        curved = motion.check_curve([start, 0.5 * way, 0.5 * way]).verdict
         assert Verdict.UNDECIDED in (curved, verdict) or curved is verdict
     assert {Verdict.FREE, Verdict.BLOCKED} <= set(found)
     assert by_bounds.margin_queries + by_bounds.collision_queries < 0.5 * checker.counts.queries

@@ -69,20 +69,6 @@ def test_no_proven_motion_touches_and_what_is_refused_is_there(robot_named, clut
     assert verdicts == {True, False}
 
 
-@given(seeds)
-@settings(max_examples=25)
-def test_straight_motions_are_proven_alike_as_edges_and_as_curves(panda, clutter, seed):
-    rng = np.random.default_rng(seed)
-    proof = MotionProver(CollisionChecker(panda, clutter))
-    start = rng.uniform(panda.lower, panda.upper)
-    end = np.clip(start + rng.normal(scale=0.3, size=7), panda.lower, panda.upper)
-    edge = proof.check(start, end)
-    line = proof.check_curve([start, end - start])
-    raised = proof.check_curve([start, 0.5 * (end - start), 0.5 * (end - start)])  # another timing of the same way
-    assert line == edge
-    assert Verdict.UNDECIDED in (edge.verdict, raised.verdict) or raised.verdict is edge.verdict
-
-
 def test_what_bounds_prove_of_many_curves_is_free(panda, clutter):
     rng, proof = np.random.default_rng(0), MotionProver(CollisionChecker(panda, clutter))
     starts = rng.uniform(panda.lower, panda.upper, (60, 1, 7))

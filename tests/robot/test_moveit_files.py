@@ -105,14 +105,6 @@ def test_bad_limits_are_named_in_one_line(limits_file, content, said):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("value", "said"), [("limits.txt", "must end in .yaml"), ("none.yaml", "does not exist"), (3, "must be a file")]
-)
-def test_a_file_of_limits_must_be_there(value, said):
-    with pytest.raises(InputError, match=f"joint_limits: .*{said}"):
-        RobotSpec(example="panda", joint_limits=value)
-
-
 def test_continuous_joints_have_no_positions(crank_like, limits_file):
     file = limits_file({"joint_limits": {"elbow": {"max_position": 1.0}}})
     with pytest.raises(InputError, match="elbow: must not have position limits, as it is continuous"):

@@ -71,6 +71,9 @@ def test_written_and_read_again(data_folder, text):
         ("{example: ur5, attached: [{name: a, sphere: {radius: 1}}]}", r"attached\[0\]\.link: missing, but"),
         ("{example: ur5, attached: [{name: a, link: tool0, ball: 1}]}", r"attached\[0\]\.ball: unknown key"),
         ("{example: ur5, attached: [{name: a, link: b, sphere: {radius: -1}}]}", r"\.sphere\.radius: must be .*got -1"),
+        ("{example: panda, joint_limits: limits.txt}", r"joint_limits: .*must end in \.yaml"),
+        ("{example: panda, joint_limits: none.yaml}", "joint_limits: .*does not exist"),
+        ("{example: panda, joint_limits: 3}", "joint_limits: .*must be a file"),
         ("{example: ur5, name: mine}", "name: an example robot has its own"),
     ],
 )

@@ -125,34 +125,58 @@ def test_goals_of_all_kinds():
     assert both.configurations == ({"a": 1.0},)
 
 
+MALFORMED = [
+    (("start:", "strat:"), "strat: unknown key; did you mean 'start'?"),
+    (("start: [0, 0, 0]", ""), "start: missing, but needed"),
+    (("start: [0, 0, 0]", "start: 7"), "start: must be a list, got int 7"),
+    (("[0, 0, 0]", "{joint1: fast}"), "start.joint1: must be a finite number, got 'fast'"),
+    (("{configuration: [1, 0, 0]}", "{}"), "goal.configuration: missing: give configuration, "),
+    (("{configuration: [1, 0, 0]}", "{configuration: [1], configurations: [[1]]}"), "only one of"),
+    (("{configuration: [1, 0, 0]}", "{rpy: [0, 0, 0]}"), "goal.position: missing"),
+    (("{configuration: [1, 0, 0]}", "{position: [0, 0]}"), "goal.position: must be 3 numbers"),
+    (("{configuration: [1, 0, 0]}", "{position: [0, 0, 0], tolerance: 0}"), "goal.tolerance: must be a positive"),
+    (("planar3.urdf", "planar9.urdf"), "robot.urdf: "),
+    (("urdf: planar3.urdf,", ""), "robot.example: give either example or urdf"),
+    (("tip: tip", "locked: {joint3: stiff}"), "robot.locked.joint3: must be a finite number"),
+    (("tip: tip", "group: 7"), "robot.group: must be"),
+    (("start:", "people: {reach: reach.yaml}\nstart:"), "people.reach: unknown key; valid keys: who, "),
+    (("start:", "time: -1\nstart:"), "time: must be a positive number, got -1"),
+    (("start:", "frames: {camera: {position: [1, 0]}}\nstart:"), "frames.camera.position: must be 3 numbers"),
+    (("start:", "danger: 3\nstart:"), "danger: must be a mapping"),
+    (("start:", "danger: {spacing: .nan}\nstart:"), "danger.spacing: must be a finite number"),
+    (("start:", "planners: {SafePRM: {alpha: .inf}}\nstart:"), "planners.SafePRM.alpha: must be a finite"),
+]
+UNFIT = [
+    (("[0, 0, 0]", "[0, 0]"), "start: has 2 values, but the robot has 3 joints to move: joint1, "),
+    (("[0, 0, 0]", "{joint1: 0, elbow: 0}"), "start: unknown joint 'elbow'; known: joint1"),
+    (("[0, 0, 0]", "{joint1: 0}"), "start: no value for 'joint2', 'joint3'"),
+    (("[0, 0, 0]", "[0, 3, 0]"), "start: joint 'joint2' = 3 is outside its limits [-2.6, 2.6]"),
+    (("[1, 0, 0]", "[1, 0]"), "goal.configuration: has 2 values"),
+    (
+        ("configuration: [1, 0, 0]", "configurations: [[1, 0, 0], [9, 0, 0]]"),
+        "goal.configurations[1]: joint 'joint1' = 9 is outside its limits",
+    ),
+    (("configuration: [1, 0, 0]", "position: [1, 0, 0]"), "goal.configuration: missing: this planner"),
+    (("{urdf: planar3.urdf, tip: tip}", "pandda"), "robot: unknown example robot 'pandda'; did you mean 'panda'"),
+    (("tip: tip", "tip: hand"), "robot: "),
+    (("tip: tip", "locked: {elbow: 0}"), "robot: "),
+]
+
+
+def ends(scenario):
+    robot = scenario.build_robot()
+    return scenario.start_configuration(robot), scenario.goal_configurations(robot)
+
+
 @pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (("start:", "strat:"), "strat: unknown key; did you mean 'start'?"),
-        (("start: [0, 0, 0]", ""), "start: missing, but needed"),
-        (("start: [0, 0, 0]", "start: 7"), "start: must be a list, got int 7"),
-        (("[0, 0, 0]", "{joint1: fast}"), "start.joint1: must be a finite number, got 'fast'"),
-        (("{configuration: [1, 0, 0]}", "{}"), "goal.configuration: missing: give configuration, "),
-        (("{configuration: [1, 0, 0]}", "{configuration: [1], configurations: [[1]]}"), "only one of"),
-        (("{configuration: [1, 0, 0]}", "{rpy: [0, 0, 0]}"), "goal.position: missing"),
-        (("{configuration: [1, 0, 0]}", "{position: [0, 0]}"), "goal.position: must be 3 numbers"),
-        (("{configuration: [1, 0, 0]}", "{position: [0, 0, 0], tolerance: 0}"), "goal.tolerance: must be a positive"),
-        (("planar3.urdf", "planar9.urdf"), "robot.urdf: "),
-        (("urdf: planar3.urdf,", ""), "robot.example: give either example or urdf"),
-        (("tip: tip", "locked: {joint3: stiff}"), "robot.locked.joint3: must be a finite number"),
-        (("tip: tip", "group: 7"), "robot.group: must be"),
-        (("start:", "people: {reach: reach.yaml}\nstart:"), "people.reach: unknown key; valid keys: who, "),
-        (("start:", "time: -1\nstart:"), "time: must be a positive number, got -1"),
-        (("start:", "frames: {camera: {position: [1, 0]}}\nstart:"), "frames.camera.position: must be 3 numbers"),
-        (("start:", "danger: 3\nstart:"), "danger: must be a mapping"),
-        (("start:", "danger: {spacing: .nan}\nstart:"), "danger.spacing: must be a finite number"),
-        (("start:", "planners: {SafePRM: {alpha: .inf}}\nstart:"), "planners.SafePRM.alpha: must be a finite"),
-    ],
+    ("change", "message", "fits"), [*((*row, None) for row in MALFORMED), *((*row, ends) for row in UNFIT)]
 )
-def test_errors_name_file_key_and_value(folder, change, message):
+def test_errors_name_file_key_and_value(folder, change, message, fits):
+    """Of the document when it is loaded, and of what does not fit the robot when that is asked for."""
     file = write(folder, MINIMAL.replace(*change))
+    scenario = Scenario.load(file) if fits else None
     with pytest.raises(InputError) as caught:
-        Scenario.load(file)
+        fits(scenario) if fits else Scenario.load(file)
     assert str(caught.value).startswith(f"{file}:")
     assert message in str(caught.value)
 
@@ -166,46 +190,6 @@ def test_configurations_by_order_or_by_name(folder, arm):
     scenario = Scenario.load(write(folder, text))
     assert scenario.start_configuration(arm).tolist() == [1, 2, 0.3]
     assert scenario.goal_configurations(arm).tolist() == [[1, 0, 0], [0, 1, 0]]
-
-
-@pytest.mark.parametrize(
-    ("change", "kind", "message"),
-    [
-        (("[0, 0, 0]", "[0, 0]"), InputError, "start: has 2 values, but the robot has 3 joints to move: joint1, "),
-        (("[0, 0, 0]", "{joint1: 0, elbow: 0}"), UnknownNameError, "start: unknown joint 'elbow'; known: joint1"),
-        (("[0, 0, 0]", "{joint1: 0}"), InputError, "start: no value for 'joint2', 'joint3'"),
-        (("[0, 0, 0]", "[0, 3, 0]"), InputError, "start: joint 'joint2' = 3 is outside its limits [-2.6, 2.6]"),
-        (("[1, 0, 0]", "[1, 0]"), InputError, "goal.configuration: has 2 values"),
-        (
-            ("configuration: [1, 0, 0]", "configurations: [[1, 0, 0], [9, 0, 0]]"),
-            InputError,
-            "goal.configurations[1]: joint 'joint1' = 9 is outside its limits",
-        ),
-        (("configuration: [1, 0, 0]", "position: [1, 0, 0]"), InputError, "goal.configuration: missing: this planner"),
-    ],
-)
-def test_what_does_not_fit_the_robot_is_refused(folder, arm, change, kind, message):
-    file = write(folder, MINIMAL.replace(*change))
-    scenario = Scenario.load(file)
-    with pytest.raises(kind) as caught:
-        np.vstack([scenario.start_configuration(arm), scenario.goal_configurations(arm)])
-    assert str(caught.value).startswith(f"{file}:")
-    assert message in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("robot", "message"),
-    [
-        ("robot: pandda", "case.yaml: robot: unknown example robot 'pandda'; did you mean 'panda'"),
-        ("robot: {urdf: planar3.urdf, tip: hand}", "case.yaml: robot: "),
-        ("robot: {urdf: planar3.urdf, locked: {elbow: 0}}", "case.yaml: robot: "),
-    ],
-)
-def test_a_robot_that_cannot_be_built_names_the_scenario(folder, robot, message):
-    scenario = Scenario.load(write(folder, MINIMAL.replace("robot: {urdf: planar3.urdf, tip: tip}", robot)))
-    with pytest.raises(InputError) as caught:
-        scenario.build_robot()
-    assert message in str(caught.value)
 
 
 # --------------------------------------------------------------------------------------- those that ship

@@ -148,6 +148,17 @@ def test_world_keypoints_are_in_the_world():
         ("spacing: 1\nobstacles: [}", "scene.yaml:2: malformed YAML"),
         ("spacing: 1\nspacing: 2", "scene.yaml:2: malformed YAML: the key 'spacing' is given twice"),
         ("spacing: !!python/object:os.system 1", "malformed YAML: could not determine a constructor"),
+        *(
+            (KITCHEN.replace(old, new, 1), f"scene.yaml:{place}")
+            for old, new, place in [
+                ("spacing: 0.2", "spacing: -1", "2: spacing: "),
+                ("0.05]", "0]", "5: obstacles[0] 'table'.box.size: "),
+                ("weight: 0.25", "wieght: 0.25", "7: obstacles[0] 'table'.wieght: "),
+                ("1.7}", "170}", "9: obstacles[1] 'cook'.person.height: "),
+                ("name: pot", "name: table", "12: obstacles[2].name: 'table' is already"),
+                ("yaw: 3.14", "yaw: 3.14\n    yaw: 1", "12: malformed YAML: the key 'yaw' is given twice"),
+            ]
+        ),
     ],
 )
 def test_errors_name_file_key_and_value(tmp_path, text, message):
@@ -157,26 +168,6 @@ def test_errors_name_file_key_and_value(tmp_path, text, message):
         Scene.from_file(file)
     assert str(caught.value).startswith(f"{file}:")
     assert message in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "place"),
-    [
-        ("spacing: 0.2", "spacing: -1", "2: spacing: "),
-        ("0.05]", "0]", "5: obstacles[0] 'table'.box.size: "),
-        ("weight: 0.25", "wieght: 0.25", "7: obstacles[0] 'table'.wieght: "),
-        ("1.7}", "170}", "9: obstacles[1] 'cook'.person.height: "),
-        ("name: pot", "name: table", "12: obstacles[2].name: 'table' is already"),
-        ("yaw: 3.14", "yaw: 3.14\n    yaw: 1", "12: malformed YAML: the key 'yaw' is given twice"),
-    ],
-)
-def test_errors_name_the_line(tmp_path, old, new, place):
-    file = tmp_path / "kitchen.yaml"
-    assert old in KITCHEN
-    file.write_text(KITCHEN.replace(old, new, 1))
-    with pytest.raises(InputError) as caught:
-        Scene.from_file(file)
-    assert str(caught.value).startswith(f"{file}:{place}")
 
 
 def test_a_missing_file_is_named(tmp_path):
