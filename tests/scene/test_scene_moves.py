@@ -33,11 +33,12 @@ def test_all_but_the_places_is_shared(scene):
 
 
 @pytest.mark.parametrize("name", ["box", "colleague", "cloud"])
-def test_any_obstacle_moves_to_a_pose(scene, name):
+def test_any_obstacle_moves_to_a_pose_in_any_form(scene, name):
     place = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, 0.1), np.array([0.1, 0.2, 0.3]))
-    moved = scene.moved({name: place})[name]
-    np.testing.assert_allclose(moved.pose.se3.homogeneous, place.homogeneous, atol=1e-12)
-    assert moved.shape is scene[name].shape
+    for form in (place, place.homogeneous, place.homogeneous.tolist(), Pose.of(place)):
+        moved = scene.moved({name: form})[name]
+        np.testing.assert_allclose(moved.pose.se3.homogeneous, place.homogeneous, atol=1e-12)
+        assert moved.shape is scene[name].shape
 
 
 def test_key_points_are_where_the_sensor_sees_them_in_the_world(scene):
