@@ -85,14 +85,8 @@ def test_a_robot_without_obstacles(robot_named):
     assert checker.distances(slider.lower).shape == (0,)
 
 
-def test_a_robot_without_pairs(tmp_path):
-    urdf = tmp_path / "rod.urdf"
-    urdf.write_text(
-        """<robot name="rod"><link name="base"/>
-        <link name="rod"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
-        <joint name="turn" type="continuous"><parent link="base"/><child link="rod"/></joint></robot>"""
-    )
-    checker = CollisionChecker(Robot.from_urdf(urdf), Scene())
+def test_a_robot_without_pairs(crank):
+    checker = CollisionChecker(crank, Scene())
     assert checker.pair_names == ()
     assert not checker.pairs.within_margins(np.zeros(1), np.zeros(0))
     assert not checker.in_collision(np.zeros(1))

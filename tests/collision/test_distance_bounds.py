@@ -7,6 +7,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from crank import CRANK
 from edges import random_edge
 
 from safe_ompl import Box, CollisionChecker, Mesh, MotionProver, Obstacle, Pose, Robot, Scene, Verdict
@@ -120,12 +121,8 @@ def test_a_motion_along_a_surface_takes_few_places(panda):
 
 def test_accelerations_count_where_velocities_lead_past_a_surface(tmp_path):
     """A ball on a circle of 1 m moves along a plate at first, and bends into it by 1 mm before 0.0447 rad."""
-    ball = '<collision><origin xyz="1 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>'
-    inertia = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-    joint = '<joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>'
-    joint += '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
     urdf = tmp_path / "swing.urdf"
-    urdf.write_text(f'<robot name="swing"><link name="base"/><link name="arm">{inertia}{ball}</link>{joint}</robot>')
+    urdf.write_text(CRANK.replace('xyz="0.5 0 0"', 'xyz="1 0 0"'))
     plate = Obstacle("plate", Box((0.1, 1.0, 0.1)), Pose((1 - 0.05 - 0.001 - 0.05, 0.0, 0.0)))
     motion = MotionProver(CollisionChecker(Robot.from_urdf(urdf), Scene((plate,))))
     assert motion.is_free([-0.044], [0.044])

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from crank import CRANK
 from edges import random_edge
 from hypothesis import given, settings, strategies as st
 
@@ -102,13 +103,8 @@ def test_the_direction_of_an_edge_does_not_matter(robot_named, clutter, plain_ch
 def spoke(tmp_path_factory):
     """One joint about z that turns a stick 0.8 m long and 4 mm thick."""
     urdf = tmp_path_factory.mktemp("spoke") / "spoke.urdf"
-    urdf.write_text(
-        """<robot name="spoke"><link name="base"/>
-        <link name="stick"><collision><origin xyz="0.4 0 0" rpy="0 1.5707963267948966 0"/>
-          <geometry><cylinder radius="0.002" length="0.8"/></geometry></collision></link>
-        <joint name="turn" type="revolute"><parent link="base"/><child link="stick"/><axis xyz="0 0 1"/>
-          <limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
-    )
+    text = CRANK.replace('xyz="0.5 0 0"', 'xyz="0.4 0 0" rpy="0 1.5707963267948966 0"')
+    urdf.write_text(text.replace('sphere radius="0.05"', 'cylinder radius="0.002" length="0.8"'))
     return Robot.from_urdf(urdf)
 
 
@@ -127,7 +123,7 @@ def test_a_thin_plate_between_the_samples_of_others_is_found(spoke, plain_check)
     verdict = motion.check(start, end)
     assert verdict.verdict is Verdict.BLOCKED
     assert verdict.at == pytest.approx(angle, abs=0.01)
-    assert verdict.pair == ("stick", "plate")
+    assert verdict.pair == ("ball", "plate")
     assert motion.check(start, np.array([0.5])).verdict is Verdict.FREE
 
 

@@ -172,6 +172,22 @@ def test_the_ending_says_the_form_of_all_that_is_saved(tmp_path, ur5, thing, end
         same(Motion.of(back), expected)
 
 
+def written(file, content):
+    """Write text, plain data as JSON, a result, or arrays; None writes nothing."""
+    if isinstance(content, PlanResult):
+        save(content, file)
+    elif isinstance(content, str):
+        file.write_text(content)
+    elif file.suffix == ".npy":
+        np.save(file, content)
+    elif file.suffix == ".npz" and content is not None:
+        np.savez(file, **content)
+    elif content is not None:
+        file.write_text(json.dumps(content))
+    return file
+
+
+NO_PATH = PlanResult("Timeout", None, None, "PRM", 1, NAMES, 0.5)
 WITH_G = [{"positions": [9, 2 * t + 1, 2 * t + 2], "time_from_start": t} for t in (0, 1)]
 
 
@@ -193,14 +209,10 @@ WITH_G = [{"positions": [9, 2 * t + 1, 2 * t + 2], "time_from_start": t} for t i
     ],
 )
 def test_files_of_others(tmp_path, name, text, options):
-    file = tmp_path / name
-    if name == "m.npy":
-        np.save(file, text)
-    elif name == "m.npz":
-        np.savez(file, **text)
-    else:
-        file.write_text(text if isinstance(text, str) else json.dumps(text))
-    same(read_motion(file, **options), Motion.hermite([0.0, 1.0], [[1.0, 2.0], [3.0, 4.0]], names=NAMES))
+    same(
+        read_motion(written(tmp_path / name, text), **options),
+        Motion.hermite([0.0, 1.0], [[1.0, 2.0], [3.0, 4.0]], names=NAMES),
+    )
 
 
 def test_joints_and_degrees_by_the_robot(tmp_path, twin_arm):
@@ -247,6 +259,10 @@ OTHER = json.dumps({"joint_trajectory": message(), "multi_dof_joint_trajectory":
             "a_position,a_velocity\n0,1\n1,2\n",
             "m.csv: times: are missing, but velocities and accelerations need times",
         ),
+        ("m.npz", {"speeds": Q}, "m.npz: speeds: unknown key"),
+        ("m.npz", {"positions": Q, "joint_names": [1, 2]}, "m.npz: joint_names: must be a list of text, got int64"),
+        ("none.npz", None, r"none.npz: cannot be read \(No such file"),
+        ("m.json", NO_PATH, r"m.json: kind: must hold a motion, but no path was found \(Timeout\)"),
         ("m.npz", "text", "m.npz: is not an NPZ archive of arrays of numbers and text"),
         ("m.json", "{", "m.json: line 1: malformed JSON"),
         ("m.json", "[1]", r"m.json: must hold joint_names and points .*got list \[1\]"),
@@ -284,21 +300,6 @@ OTHER = json.dumps({"joint_trajectory": message(), "multi_dof_joint_trajectory":
     ],
 )
 def test_bad_files_are_named_in_one_line(tmp_path, name, content, error):
-    (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=error) as raised:
-        read_motion(tmp_path / name)
+        read_motion(written(tmp_path / name, content))
     assert "\n" not in str(raised.value)
-
-
-def test_bad_arrays_and_results(tmp_path):
-    np.savez(tmp_path / "a.npz", speeds=Q)
-    np.savez(tmp_path / "b.npz", positions=Q, joint_names=[1, 2])
-    save(PlanResult("Timeout", None, None, "PRM", 1, NAMES, 0.5), tmp_path / "r.json")
-    for name, words in (
-        ("a.npz", "speeds: unknown key"),
-        ("b.npz", "joint_names: must be a list of text, got int64"),
-        ("none.npz", r"cannot be read \(No such file"),
-        ("r.json", r"kind: must hold a motion, but no path was found \(Timeout\)"),
-    ):
-        with pytest.raises(InputError, match=f"{name}: {words}"):
-            read_motion(tmp_path / name)
