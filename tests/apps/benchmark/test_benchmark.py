@@ -245,10 +245,10 @@ def test_measurements_reach_the_database(setup, tmp_path):
     benchmark.addPlannerAllocator(lambda si: SafeRRTConnect(si, "eager", alpha=2.0))
     benchmark.addPlanner(og.RRTConnect(setup.getSpaceInformation()))
     benchmark.addPlanner("RRTConnect")
-    benchmark.benchmark(request(simplify=True), workers=1)
+    benchmark.benchmark(request(simplify=True), seed=3, workers=1)
     runs = runs_of(benchmark, tmp_path)
     names = ["SafePRM", "eager", "RRTConnect", "RRTConnect 2"]
-    assert [(run["planner"], run["seed"]) for run in runs] == [(name, seed) for name in names for seed in (0, 1)]
+    assert [(run["planner"], run["seed"]) for run in runs] == [(name, seed) for name in names for seed in (3, 4)]
     for run in runs:
         assert (run["solved"], run["status"], run["certified"]) == (1, "Exact solution", 1)
         assert 0 < run["danger_mean"] < run["danger_max"]
@@ -257,7 +257,7 @@ def test_measurements_reach_the_database(setup, tmp_path):
         assert run["time"] > 0
         assert run["simplification_time"] > 0
         assert run["bound_queries"] > 0
-    first, again = (setup.plan("SafePRM", time=20.0, seed=0, simplify=True) for _ in range(2))
+    first, again = (setup.plan("SafePRM", time=20.0, seed=3, simplify=True) for _ in range(2))
     assert first.report.length == again.report.length == runs[0]["solution_length"]
     runs_of(benchmark, tmp_path)
     with sqlite3.connect(tmp_path / "b.db") as connection:

@@ -88,6 +88,8 @@ def planning_scene():
         "allowed_collision_matrix": {
             "entry_names": names,
             "entry_values": [{"enabled": [(a, b) in allowed or (b, a) in allowed for b in names]} for a in names],
+            "default_entry_names": ["base"],
+            "default_entry_values": [True],
         },
         "link_padding": [{"link_name": "hand", "padding": 0.0}],
         "world": {"collision_objects": [table, wedge]},
@@ -333,6 +335,8 @@ NO_SCENES = [
     (changed("world octomap", {"octomap": {"data": [1], "binary": False}}), "must be a binary OcTree"),
     (changed("held 0 object header", {"frame_id": "arm"}), "the link 'hand'"),
     (changed("objects 1 id", None), "id: must be"),
+    (changed("world octomap", {"octomap": {"data": [1], "binary": True, "id": "ColorOcTree"}}), "got .* 'ColorOcTree'"),
+    (changed("allowed_collision_matrix default_entry_names", ["table"]), "default_entry_values: 'table' may touch"),
     (changed("padding 0", {}), "is malformed .KeyError: 'padding'"),
 ]
 
