@@ -57,6 +57,8 @@ def test_a_plan_shows_levels_and_the_closest_approach(tmp_path):
     assert upper.get_title(loc="left") == "SafePRM"
     assert {text.get_text(): text.get_position()[1] for text in upper.texts} == {"start": 1.0, "goal": 2.0}
     assert lower.get_title(loc="right") == "closest: 30 mm to things"
+    shaded = upper.collections[0].get_datalim(upper.transData)
+    assert (shaded.y0, shaded.y1) == pytest.approx((2.0, 4.0), abs=0.1)  # the danger that another path would avoid
     assert [line.get_ydata().tolist() for line in lower.get_lines()[:2]] == [[500, 400, 600], [200, 30, 100]]
     assert [text.get_text() for text in lower.get_legend().get_texts()] == ["to people", "to things"]
 
@@ -110,6 +112,7 @@ def test_speed_and_what_binds_it(trajectory, tmp_path):
     assert np.nanmax([whole, bound]) == pytest.approx(highest, rel=1e-2)
     assert 0 < np.isfinite(bound).mean() < 1
     assert np.isfinite(np.fmax(whole, bound)).all()  # each piece in the colour of what binds there
+    assert np.isfinite(whole + bound).any()  # pieces meet
     times = np.linspace(0.0, trajectory.duration, len(whole))
     drawn = np.where(np.isfinite(bound), bound, whole)
     np.testing.assert_allclose(drawn, trajectory.law.at(times)[2], atol=1e-9)

@@ -1,6 +1,7 @@
 """Pictures of robots: what they show, where they are taken from, and what they refuse."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,23 @@ pytest.importorskip("matplotlib")
 import coal
 from matplotlib.image import imread
 
-from safe_ompl import Box, InputError, Obstacle, PlanResult, Pose, Robot, Scenario, Scene, Sphere
-from safe_ompl.drawing import render_comparison, render_path
+from safe_ompl import (
+    Box,
+    CollisionChecker,
+    InputError,
+    Obstacle,
+    PathReport,
+    Person,
+    PlanResult,
+    Pose,
+    Robot,
+    Scenario,
+    Scene,
+    Sphere,
+)
+from safe_ompl.drawing import pictures, render_comparison, render_path
 from safe_ompl.drawing.drawn_scene import Camera, DrawnScene, best_view, in_picture
+from safe_ompl.drawing.light import Light
 from safe_ompl.drawing.renderer import Renderer, tone_mapped
 from safe_ompl.drawing.rendering import nearest_triangles
 from safe_ompl.drawing.surfaces import RobotBody, Surface, tessellate
@@ -140,7 +155,35 @@ def test_a_robot_is_drawn_by_its_visual_shapes_or_as_it_collides(tmp_path):
         assert extent[1] < 0.2
 
 
+SLAB = Obstacle("slab", Box((4.0, 4.0, 0.02)), Pose((0.0, 0.0, -0.5)))
+WORKER = Obstacle("worker", Person(height=1.7), Pose((1.5, 0.0, -0.49)), weight=1.0)
+BALLS = [Obstacle(f"ball {k}", Sphere(0.1), Pose((0.6, 0.2 * k, 0.4)), weight=1.0) for k in (0, 1)]
+DANGEROUS = [((SLAB, WORKER), ["worker"]), (BALLS, []), ((SLAB, *BALLS), ["ball 0", "ball 1"]), ((SLAB,), [])]
+
+
+@pytest.mark.parametrize(("obstacles", "hazards"), DANGEROUS)
+def test_a_large_slab_is_the_floor_and_dangerous_things_are_marked_beside_others(planar, obstacles, hazards):
+    drawn = DrawnScene(planar, Scene(obstacles), [PATH])
+    assert drawn.hazards == hazards
+    assert [*drawn.groups] == [obstacle.name for obstacle in obstacles if obstacle != SLAB]
+    assert drawn.floor == pytest.approx(-0.49 if SLAB in obstacles else -0.15)
+
+
+def test_the_shares_of_all_lights_are_the_light_of_the_open_floor_and_of_the_key_light():
+    lights = Light.around(np.eye(3), 0.0, np.array([0.6, 0.0, 0.8])).lights
+    assert lights[:, 2:].sum(axis=0) == pytest.approx([1.0, 1.0])
+
+
 # --------------------------------------------------------------------------------------------------- pictures
+
+
+def test_one_posture_of_a_result_is_where_it_is_closest(planar, scene, monkeypatch):
+    monkeypatch.setattr(pictures, "_postures", lambda drawn, renderer, samples, shares, *more: shares)
+    report = PathReport.of(PATH, CollisionChecker(planar, scene), None)
+    shares = pictures.render_path(planar, scene, replace(planned(PATH), report=report), size=SMALL)
+    assert len(shares) == pictures.GHOSTS
+    assert report.clearance.at in shares
+    assert report.clearance.at not in np.linspace(0.0, 1.0, len(shares) + 2), "the test shows nothing"
 
 
 def test_the_robot_shows_in_the_picture(planar, scene):

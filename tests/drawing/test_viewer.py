@@ -103,7 +103,7 @@ def test_sliders_and_play_bar_move_the_robots(view, result):
     assert "worker" in view.describe()[0]
 
 
-def test_playing_goes_on_by_itself(view):
+def test_playing_goes_on_by_itself_until_a_joint_is_moved(view):
     from safe_ompl.drawing.viewer import Controls
 
     now = 100.0
@@ -112,6 +112,10 @@ def test_playing_goes_on_by_itself(view):
     controls.advance()
     assert view.share == before
     controls.play(True)
+    controls._speed.value = 2.0
     now += 1.0
     controls.advance()
-    assert view.share == pytest.approx(before + 1.0 / view.content.playing_time)
+    assert view.share == pytest.approx(before + 2.0 / view.content.playing_time)
+    controls.joints[0].value = 0.25
+    controls.advance()
+    assert view.q[0] == pytest.approx(0.25)

@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from safe_ompl import Motion, PlanningError, read_motion, retime, save
+from safe_ompl.drawing import ViewerContent, plots
 from safe_ompl.motions.rates import extremes
 from safe_ompl.planning import setup_scenario
 from safe_ompl.scene import Scenario, find_scenario
@@ -142,11 +143,20 @@ def test_bare_samples_are_proven_within_what_may_be_between(says, refuses, tmp_p
     refuses(f"{command} 0.5", "safe-ompl: samples.csv: samples: column ")
 
 
-def test_a_page_shows_the_motion(call, tmp_path):
+def test_a_page_and_a_plot_show_the_motion_and_what_is_not_proven(says, tmp_path):
     pytest.importorskip("viser")
+    pytest.importorskip("matplotlib")
     save(motion(TOUCHING), "touching.json")
-    assert call("check", "touching.json", "--scenario", "own.yaml", "--html", "page.html")[0] == 1
-    assert "collision: " in (tmp_path / "page.html").read_text() or (tmp_path / "page.html").stat().st_size > 1e5
+    says("check touching.json --scenario own.yaml --html page.html --plot plot.png", status=1)
+    assert min((tmp_path / name).stat().st_size for name in ("page.html", "plot.png")) > 10_000
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump(scenario(limits={"min_clearance": 0.02})))
+    found = setup_scenario(Scenario.load("own.yaml")).check(motion(TOUCHING))
+    shown = ViewerContent.of_check(found, "it").motions["it"]
+    said = [f"{found.violations[0].kind}: " in shown.remark(time) for time in (0.0, found.violations[0].at, T[-1])]
+    assert said == [False, True, False]
+    lines = {line.get_label(): line.get_ydata() for line in plots.plot_check(found, None).axes[-1].lines}
+    assert lines["to obstacles, required"] == pytest.approx(20.0)
+    assert lines["to obstacles"].min() == pytest.approx(1e3 * min(v.value for v in found.violations), abs=1.0)
 
 
 PEOPLE = {"who": ["ball"], "speed": 1.0, "reaction_time": 0.1}
