@@ -21,11 +21,12 @@ def turned(x, y, z, w):
     return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), np.zeros(3))
 
 
-def distance(shape, place, probe, at):
-    result = coal.DistanceResult()
-    places = (coal.Transform3s(each.rotation, each.translation) for each in (place, at))
-    one, other = places
-    return coal.distance(shape, one, probe, other, coal.DistanceRequest(), result)
+def at(x, y, z):
+    return pin.SE3(np.eye(3), np.array([x, y, z], dtype=float))
+
+
+def distance(shape, place, probe, there):
+    return coal.distance(shape, place, probe, there, coal.DistanceRequest(), coal.DistanceResult())
 
 
 def assert_same_distances(scene, expected):
@@ -34,9 +35,9 @@ def assert_same_distances(scene, expected):
     parts = [(part.geometry, o.pose.se3 * part.placement) for o in scene for part in o.shape.parts()]
     compared = 0
     for _ in range(PLACES):
-        at = pin.SE3.Random()
-        at.translation = RNG.uniform(-1.5, 1.5, 3)
-        own, theirs = (min(distance(*solid, probe, at) for solid in solids) for solids in (parts, expected))
+        there = pin.SE3.Random()
+        there.translation = RNG.uniform(-1.5, 1.5, 3)
+        own, theirs = (min(distance(*solid, probe, there) for solid in solids) for solids in (parts, expected))
         assert (own > 0) == (theirs > 0) or abs(theirs) < EXACT
         if theirs > 0:
             assert own == pytest.approx(theirs, abs=EXACT)
@@ -48,53 +49,56 @@ CUBE = [[x, y, z] for x in (0, 0.3) for y in (0, 0.2) for z in (0, 0.1)]
 CUBE_FACES = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]  # not all: it is the hull that counts
 
 
-def xyz(values):
-    return dict(zip("xyzw", values, strict=False))
+def shapes(table, wedge):
+    """Return the shapes of a table of two parts, and of a wedge that is the hull of a mesh, at their places."""
+    parts = (coal.Box(0.4, 0.3, 0.1), at(0, 0, 0.2)), (coal.Cylinder(0.05, 0.5), at(0, 0.4, 0))
+    placed = [(shape, table * place) for shape, place in parts]
+    return [*placed, (coal.Box(0.3, 0.2, 0.1), wedge * at(0.15, 0.1, 0.05))]
+
+
+PLANNING_SCENE = """
+fixed_frame_transforms:
+- header: {frame_id: world}
+  child_frame_id: cell
+  transform: {translation: {x: 0.5, y: 0, z: 0}, rotation: &turn {x: 0.5, y: 0.5, z: 0.5, w: 0.5}}
+robot_state:
+  attached_collision_objects:
+  - link_name: hand
+    touch_links: [finger]
+    object: {header: {frame_id: hand}, id: tool, primitives: [{type: 2, dimensions: [0.05]}],
+             primitive_poses: [{position: {x: 0, y: 0, z: 0.1}}]}
+allowed_collision_matrix:
+  entry_names: [hand, table, tool, arm]
+  entry_values:
+  - enabled: [false, false, false, true]
+  - enabled: [false, false, true, true]
+  - enabled: [false, true, false, false]
+  - enabled: [true, true, false, false]
+  default_entry_names: [base]
+  default_entry_values: [true]
+link_padding: [{link_name: hand, padding: 0.0}]
+world:
+  collision_objects:
+  - header: {frame_id: cell}
+    id: table
+    pose: {position: {x: 0.1, y: 0.2, z: 0.3}, orientation: *turn}
+    primitives: [{type: 1, dimensions: [0.4, 0.3, 0.1]}, {type: 3, dimensions: [0.5, 0.05]}]
+    primitive_poses: [{position: {x: 0, y: 0, z: 0.2}},
+                      {position: {x: 0, y: 0.4, z: 0}, orientation: {x: 0, y: 0, z: 0, w: 0}}]
+    operation: 0
+  - header: {frame_id: world}
+    id: wedge
+    mesh_poses: [{position: {x: -0.8, y: 0, z: 0}, orientation: *turn}]
+is_diff: false
+"""
 
 
 def planning_scene():
-    turn = xyz([0.5, 0.5, 0.5, 0.5])
-    head = {"frame_id": "world"}
-    table = {
-        "header": {"frame_id": "cell"},
-        "id": "table",
-        "pose": {"position": xyz([0.1, 0.2, 0.3]), "orientation": turn},
-        "primitives": [{"type": 1, "dimensions": [0.4, 0.3, 0.1]}, {"type": 3, "dimensions": [0.5, 0.05]}],
-        "primitive_poses": [
-            {"position": xyz([0, 0, 0.2])},
-            {"position": xyz([0, 0.4, 0]), "orientation": xyz([0] * 4)},
-        ],
-        "operation": 0,
-    }
-    wedge = {
-        "header": head,
-        "id": "wedge",
-        "meshes": [
-            {"vertices": [xyz(v) for v in CUBE], "triangles": [{"vertex_indices": face} for face in CUBE_FACES]}
-        ],
-        "mesh_poses": [{"position": xyz([-0.8, 0, 0]), "orientation": turn}],
-    }
-    held = {"header": {"frame_id": "hand"}, "id": "tool", "primitives": [{"type": 2, "dimensions": [0.05]}],
-            "primitive_poses": [{"position": xyz([0, 0, 0.1])}]}  # fmt: skip
-    names = ["hand", "table", "tool", "arm"]
-    allowed = {("hand", "arm"), ("arm", "table"), ("table", "tool")}
-    return {
-        "fixed_frame_transforms": [
-            {"header": head, "child_frame_id": "cell", "transform": {"translation": xyz([0.5, 0, 0]), "rotation": turn}}
-        ],
-        "robot_state": {
-            "attached_collision_objects": [{"link_name": "hand", "object": held, "touch_links": ["finger"]}]
-        },
-        "allowed_collision_matrix": {
-            "entry_names": names,
-            "entry_values": [{"enabled": [(a, b) in allowed or (b, a) in allowed for b in names]} for a in names],
-            "default_entry_names": ["base"],
-            "default_entry_values": [True],
-        },
-        "link_padding": [{"link_name": "hand", "padding": 0.0}],
-        "world": {"collision_objects": [table, wedge]},
-        "is_diff": False,
-    }
+    message = yaml.safe_load(PLANNING_SCENE)
+    vertices = [dict(zip("xyz", corner, strict=True)) for corner in CUBE]
+    mesh = {"vertices": vertices, "triangles": [{"vertex_indices": face} for face in CUBE_FACES]}
+    message["world"]["collision_objects"][1]["meshes"] = [mesh]
+    return message
 
 
 @pytest.mark.parametrize("form", ["json", "yaml"])
@@ -102,18 +106,8 @@ def test_a_planning_scene_is_as_far_away_as_its_shapes(form, tmp_path):
     file, message = tmp_path / f"scene.{form}", planning_scene()
     file.write_text(json.dumps(message) if form == "json" else yaml.safe_dump(message))
     scene, held = scene_from_moveit(file, meshes=tmp_path / "meshes")
-    shift = [
-        pin.SE3(np.eye(3), np.array(t)) for t in ([0.5, 0, 0], [0.1, 0.2, 0.3], [0, 0, 0.2], [0, 0.4, 0], [-0.8, 0, 0])
-    ]
     turn = turned(0.5, 0.5, 0.5, 0.5)
-    table = shift[0] * turn * shift[1] * turn
-    middle = pin.SE3(np.eye(3), np.array([0.15, 0.1, 0.05]))
-    expected = [
-        (coal.Box(0.4, 0.3, 0.1), table * shift[2]),
-        (coal.Cylinder(0.05, 0.5), table * shift[3]),
-        (coal.Box(0.3, 0.2, 0.1), shift[4] * turn * middle),
-    ]
-    assert_same_distances(scene, expected)
+    assert_same_distances(scene, shapes(at(0.5, 0, 0) * turn * at(0.1, 0.2, 0.3) * turn, at(-0.8, 0, 0) * turn))
     assert scene.names == ("table/0", "table/1", "wedge")
     assert [o.touched_by for o in scene] == [("arm", "tool"), ("arm", "tool"), ()]
     assert (held[0].name, held[0].link, held[0].touch_links) == ("tool", "hand", ("finger",))
@@ -169,25 +163,18 @@ def test_what_rviz_exports_is_as_far_away_as_its_shapes(new, tmp_path):
     file = tmp_path / "cell.scene"
     file.write_text(objects(new))
     scene, held = scene_from_moveit(file, meshes=tmp_path / "meshes")
-    place = pin.SE3(np.eye(3), np.array([0.5, 0, 0])) * turned(0.5, 0.5, 0.5, 0.5) if new else pin.SE3.Identity()
-    shift = [pin.SE3(np.eye(3), np.array(t)) for t in ([0, 0, 0.2], [0, 0.4, 0], [-0.65, 0.1, 0.05], [0, -0.5, 0])]
+    place = at(0.5, 0, 0) * turned(0.5, 0.5, 0.5, 0.5) if new else pin.SE3.Identity()
     cone = scene["a cone / half"]
-    expected = [
-        (coal.Box(0.4, 0.3, 0.1), place * shift[0]),
-        (coal.Cylinder(0.05, 0.5), place * shift[1]),
-        (coal.Box(0.3, 0.2, 0.1), shift[2]),
-    ]
-    assert_same_distances(scene.without(cone.name), expected)
+    assert_same_distances(scene.without(cone.name), shapes(place, at(-0.8, 0, 0)))
     assert (scene.names, held) == (("table/0", "table/1", cone.name, "wedge"), ())
     assert [o.color for o in scene] == [(0.5, 0.25, 0.0), None, None, None]
     # The mesh of a cone contains the cone, and is wider by 0.5 % of the radius at most.
     own, real = cone.shape.parts()[0].geometry, coal.Cone(0.2, 0.6)
-    at_cone = shift[3] * turned(0, 1, 0, 1)
-    assert cone.pose.se3.isApprox(at_cone)
+    assert cone.pose.se3.isApprox(at(0, -0.5, 0) * turned(0, 1, 0, 1))
     for _ in range(300):
-        at = pin.SE3.Random()
-        at.translation *= 2
-        near, far = (distance(shape, pin.SE3.Identity(), coal.Sphere(0.01), at) for shape in (own, real))
+        ball = pin.SE3.Random()
+        ball.translation *= 2
+        near, far = (distance(shape, pin.SE3.Identity(), coal.Sphere(0.01), ball) for shape in (own, real))
         assert far - 1.01 * 0.2 * 0.005 - EXACT < near < far + EXACT or far <= 0
     content = {"moveit": "cell.scene", "meshes": "meshes", "obstacles": [{"name": "ball", "sphere": {"radius": 0.1}}]}
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
@@ -387,7 +374,7 @@ def test_a_map_is_as_far_away_as_its_leaves(tmp_path):
     cells = {tuple(key) for key in RNG.integers(-6, 6, (60, 3)).tolist()} | {(k, 0, 2) for k in range(-6, 6)}
     free = {tuple(key) for key in RNG.integers(-6, 6, (60, 3)).tolist()} - cells
     scene = scene_with_map(tmp_path, tree_bytes(cells, free))
-    leaves = [(coal.Box(0.1, 0.1, 0.1), pin.SE3(np.eye(3), 0.1 * (np.array(key) + 0.5))) for key in cells]
+    leaves = [(coal.Box(0.1, 0.1, 0.1), at(*(0.1 * (np.array(key) + 0.5)))) for key in cells]
     assert len(scene.obstacles) < len(leaves)  # neighbours are one
     assert_same_distances(scene, leaves)
 
