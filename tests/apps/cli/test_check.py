@@ -58,8 +58,7 @@ def motion(middle=MIDDLE, degree=3):
 
 
 def table(file, columns):
-    lines = [",".join(columns), *(",".join(map(repr, row)) for row in np.column_stack([*columns.values()]).tolist())]
-    file.write_text("\n".join(lines) + "\n")
+    np.savetxt(file, np.column_stack([*columns.values()]), delimiter=",", header=",".join(columns), comments="")
 
 
 def test_a_motion_is_proven_or_what_is_not_is_said(says, tmp_path, setup):
@@ -91,14 +90,11 @@ def test_limits_are_the_scenarios_and_the_options(says):
 
 
 @pytest.mark.parametrize(("degree", "out"), [(1, "out.json"), (3, "out.csv"), (5, "out.npz"), (3, "out.yaml")])
-def test_a_repair_is_written_in_the_form_that_is_asked_for_and_proven_as_it_is_read(call, tmp_path, setup, degree, out):
+def test_a_repair_is_written_in_the_form_that_is_asked_for_and_proven_as_it_is_read(says, tmp_path, setup, degree, out):
     save(motion(TOUCHING, degree), "touching.json")
-    status, _, err = call("check", "touching.json", "--scenario", "own.yaml", "--repair", out)
-    assert status == 0
-    assert "proven; " in err
-    assert " rad and " in err
+    says(f"check touching.json --scenario own.yaml --repair {out}", notes=["proven; ", " rad and "])
     back = read_motion(tmp_path / out, setup.robot)
-    assert call("check", out, "--scenario", "own.yaml")[0] == 0
+    says(f"check {out} --scenario own.yaml")
     np.testing.assert_allclose(back.at(T[[0, -1]]), [START, END], atol=1e-12)
     assert (back.degree, back.times[-1]) == (degree, T[-1])
 
@@ -114,23 +110,21 @@ def test_json_stays_a_message_where_the_file_is_one(says, tmp_path):
     assert said["points"][-1] == {**points[-1], "positions": pytest.approx(points[-1]["positions"])}
 
 
-def test_what_cannot_be_repaired_is_not_written(call, tmp_path):
+def test_what_cannot_be_repaired_is_not_written(says, tmp_path):
     inside = np.array([0.0, 0.0, 0.0])  # in the ball
     save(Motion.through([START, inside], names=NAMES), "into.json")
-    status, _, err = call("check", "into.json", "--scenario", "own.yaml", "--repair", "out.json")
-    assert status == 1
-    assert err == "safe-ompl: nothing is written to out.json: its end cannot be proven, and ends are kept\n"
+    why = "safe-ompl: nothing is written to out.json: its end cannot be proven, and ends are kept"
+    says("check into.json --scenario own.yaml --repair out.json", status=1, notes=[why])
     assert not (tmp_path / "out.json").exists()
 
 
-def test_a_certificate_claims_what_is_written(call, tmp_path):
+def test_a_certificate_claims_what_is_written(says, tmp_path):
     save(motion(TOUCHING), "touching.json")
-    command = ("check", "touching.json", "--scenario", "own.yaml", "--certificate", "proof.json")
-    status, _, err = call(*command)
-    assert (status, err) == (1, "safe-ompl: the motion is not proven: nothing is written to proof.json\n")
+    command = "check touching.json --scenario own.yaml --certificate proof.json"
+    says(command, status=1, notes=["safe-ompl: the motion is not proven: nothing is written to proof.json"])
     assert not (tmp_path / "proof.json").exists()
-    assert call(*command, "--repair", "out.json")[0] == 0
-    assert "polynomials in 4.000 s" in call("verify", "proof.json")[1]
+    says(f"{command} --repair out.json")
+    says("verify proof.json", "polynomials in 4.000 s")
 
 
 def test_bare_samples_are_proven_within_what_may_be_between(says, refuses, tmp_path):
@@ -183,16 +177,14 @@ def test_stops_beside_the_scenarios_people_are_proven(says, tmp_path):
 
 
 @pytest.mark.usefixtures("beside_people")
-def test_a_motion_that_is_too_fast_is_repaired_by_time(call, tmp_path, setup):
-    status, _, err = call("check", "fast.json", "--scenario", "own.yaml", "--repair", "out.csv")
-    assert status == 0
-    assert "the motion as it was, but " in err
-    assert " times as long as before" in err
+def test_a_motion_that_is_too_fast_is_repaired_by_time(says, tmp_path, setup):
+    notes = "the motion as it was, but ", " times as long as before"
+    says("check fast.json --scenario own.yaml --repair out.csv", notes=notes)
     back, given = (read_motion(tmp_path / name, setup.robot) for name in ("out.csv", "fast.json"))
     assert 1.6 < back.times[-1] < 4.0
     shares = np.linspace(0.0, 1.0, 9)
     np.testing.assert_allclose(back.at(shares * back.times[-1]), given.at(shares * 1.6), atol=1e-9)
-    assert call("check", "out.csv", "--scenario", "own.yaml")[0] == 0
+    says("check out.csv --scenario own.yaml")
 
 
 @pytest.mark.usefixtures("beside_people")
@@ -212,20 +204,19 @@ WAY = np.array([START, 0.5 * (START + MIDDLE), 0.4 * START + 0.6 * MIDDLE])
 
 
 @pytest.mark.usefixtures("beside_people")
-def test_way_points_are_timed_beside_people_within_limits_and_verified(call, says, tmp_path, setup):
+def test_way_points_are_timed_beside_people_within_limits_and_verified(says, tmp_path, setup):
     """What is written stops in time between its points, too, for which it may take a little longer."""
-    command, alone = ("check", "way.csv", "--scenario", "own.yaml", "--retime"), set()
+    command, names, alone = "check way.csv --scenario own.yaml --retime", ",".join(NAMES), set()
     for columns, header, options in (
-        (WAY, (), ("--joints", ",".join(NAMES))),
-        (np.c_[T / 100, WAY], ("time", *NAMES), ()),
-        (WAY, NAMES, ()),
+        (WAY, "", f"--joints {names}"),
+        (np.c_[T / 100, WAY], f"time,{names}", ""),
+        (WAY, names, ""),
     ):
-        lines = [",".join(header)] * bool(header) + [",".join(map(repr, row)) for row in columns.tolist()]
-        (tmp_path / "way.csv").write_text("\n".join(lines))
-        assert call(*command, *options, "--trajectory", "alone.csv", "--no-people", "--force")[0] == 0
+        np.savetxt("way.csv", columns, delimiter=",", header=header, comments="")
+        says(f"{command} {options} --trajectory alone.csv --no-people --force")
         alone.add((tmp_path / "alone.csv").read_text())
     assert len(alone) == 1
-    says((*command, "--trajectory", "out.csv", "--certificate", "proof.json"), "timed: ", "separation")
+    says(f"{command} --trajectory out.csv --certificate proof.json", "timed: ", "separation")
     says("verify proof.json own.yaml", "it stands before anyone of ball")
     says("check out.csv --scenario own.yaml", "velocity, acceleration, no collision, stops beside people")
     motions = [read_motion(tmp_path / name, setup.robot) for name in ("out.csv", "alone.csv")]
@@ -245,12 +236,10 @@ BAD_WAYS = [
 
 
 @pytest.mark.parametrize(("way", "said"), BAD_WAYS)
-def test_a_bad_way_point_is_named_and_nothing_is_written(call, tmp_path, setup, way, said):
+def test_a_bad_way_point_is_named_and_nothing_is_written(says, tmp_path, setup, way, said):
     save(Motion.through(way, names=NAMES), "way.json")
-    command = ("check", "way.json", "--scenario", "own.yaml", "--trajectory", "out.csv", "--certificate", "proof.json")
-    status, _, err = call(*command)
-    assert status == 1
-    assert f"safe-ompl: way.json: {said}" in err
+    command = "check way.json --scenario own.yaml --trajectory out.csv --certificate proof.json"
+    says(command, status=1, notes=[f"safe-ompl: way.json: {said}"])
     assert {file.name for file in tmp_path.iterdir()} == {"own.yaml", "way.json"}
     with pytest.raises(PlanningError, match=said):
         retime(way, setup.robot, setup.scene)
@@ -271,7 +260,8 @@ def test_the_tube_is_the_largest_error_times_a_factor_and_check_takes_it(call, s
     times = np.linspace(0.0, 4.0, 81)
     errors = np.outer(np.sin(np.pi * times / 4), [0.01, 0.002, 0.0])
     log(tmp_path / "log.csv", errors, times)
-    np.savez(tmp_path / "log.npz", **_columns(tmp_path / "log.csv"))
+    logged = np.genfromtxt("log.csv", delimiter=",", names=True)
+    np.savez("log.npz", **{name: logged[name] for name in logged.dtype.names})
     answers = {name: call("tube", name, "--factor", "2") for name in ("log.csv", "log.npz")}
     assert answers["log.csv"] == answers["log.npz"]
     status, out, err = answers["log.csv"]
@@ -306,11 +296,6 @@ def test_two_files_are_compared_at_equal_times(says, tmp_path):
     fastest = np.abs(motion().derivative(fine)[:, 1]).max()
     assert largest["same"] < 5e-4
     assert 1.5 * 0.01 * fastest <= largest["late"] <= 1.5 * 0.01 * fastest + 5e-4
-
-
-def _columns(file):
-    header, *rows = file.read_text().split()
-    return dict(zip(header.split(","), np.array([row.split(",") for row in rows], dtype=float).T, strict=True))
 
 
 # --------------------------------------------------------------------------------------------------- bad input
