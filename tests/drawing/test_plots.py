@@ -12,6 +12,7 @@ from matplotlib.image import imread
 
 from safe_ompl import DangerField, InputError, KinetostaticField, RateLimits, SafeOmplError, time_path
 from safe_ompl.drawing.plots import plot_motion, plot_plan, plot_profiles
+from safe_ompl.drawing.style import planner_styles
 from safe_ompl.io import ACCELERATION
 
 PROFILES = {
@@ -61,6 +62,15 @@ def test_a_plan_shows_levels_and_the_closest_approach(tmp_path):
     assert (shaded.y0, shaded.y1) == pytest.approx((2.0, 4.0), abs=0.1)  # the danger that another path would avoid
     assert [line.get_ydata().tolist() for line in lower.get_lines()[:2]] == [[500, 400, 600], [200, 30, 100]]
     assert [text.get_text() for text in lower.get_legend().get_texts()] == ["to people", "to things"]
+
+
+def test_safe_planners_are_drawn_stronger_than_those_without_and_no_two_lines_are_alike():
+    styles = planner_styles(["SafePRM", "ClassicPRM", "PaperSafePRM", "PaperPRM", "OMPL PRM", "PRM"])
+    assert [style.strong for style in styles.values()] == [True, False, True, False, True, False]
+    safe, classic, printed, without, *_ = (style.colour for style in styles.values())
+    assert (safe, classic) == (printed, without)
+    assert len({(style.colour, style.dashes) for style in styles.values()}) == len(styles)
+    assert len({style.colour for style in styles.values()}) == 4
 
 
 # ----------------------------------------------------------------------------------------------- bad input

@@ -158,15 +158,21 @@ def test_a_robot_is_drawn_by_its_visual_shapes_or_as_it_collides(tmp_path):
 SLAB = Obstacle("slab", Box((4.0, 4.0, 0.02)), Pose((0.0, 0.0, -0.5)))
 WORKER = Obstacle("worker", Person(height=1.7), Pose((1.5, 0.0, -0.49)), weight=1.0)
 BALLS = [Obstacle(f"ball {k}", Sphere(0.1), Pose((0.6, 0.2 * k, 0.4)), weight=1.0) for k in (0, 1)]
-DANGEROUS = [((SLAB, WORKER), ["worker"]), (BALLS, []), ((SLAB, *BALLS), ["ball 0", "ball 1"]), ((SLAB,), [])]
+# Obstacles, which of them are dangerous beside others, and the height of the floor.
+DANGEROUS = [
+    ((SLAB, WORKER), ["worker"], -0.49),
+    ((WORKER, *BALLS), ["worker", "ball 0", "ball 1"], -0.49),
+    ((SLAB, *BALLS), ["ball 0", "ball 1"], -0.49),
+    (BALLS, [], -0.15),
+]
 
 
-@pytest.mark.parametrize(("obstacles", "hazards"), DANGEROUS)
-def test_a_large_slab_is_the_floor_and_dangerous_things_are_marked_beside_others(planar, obstacles, hazards):
+@pytest.mark.parametrize(("obstacles", "hazards", "floor"), DANGEROUS)
+def test_a_large_slab_is_the_floor_and_dangerous_things_are_marked_beside_others(planar, obstacles, hazards, floor):
     drawn = DrawnScene(planar, Scene(obstacles), [PATH])
     assert drawn.hazards == hazards
     assert [*drawn.groups] == [obstacle.name for obstacle in obstacles if obstacle != SLAB]
-    assert drawn.floor == pytest.approx(-0.49 if SLAB in obstacles else -0.15)
+    assert drawn.floor == pytest.approx(floor, abs=1e-4)
 
 
 def test_the_shares_of_all_lights_are_the_light_of_the_open_floor_and_of_the_key_light():

@@ -1,6 +1,7 @@
 """`safe-ompl verify`: certificates are checked where they were written, elsewhere, and against what has changed."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -36,6 +37,12 @@ def edit(file, old, new):
 def test_it_says_what_it_is_about_and_what_is_not_claimed(says):
     first, second, third = says("verify proof.json planar3.yaml").splitlines()
     assert first.startswith("proof.json: every motion is free: ")
+    content = json.loads(Path("proof.json").read_text())
+    assert content["source"] == {"scenario": "planar3.yaml"}
+    danger = content["stretches"][0]["danger"]
+    kind = f"{danger['aggregate']}, {danger['weighting']}, k1 {danger['k1']:g}, points {danger['spacing']:g} m apart"
+    said = re.search(rf"danger at most (\S+) \({re.escape(kind)}\)", first)
+    assert danger["bound"] <= float(said[1]) < 1.01 * danger["bound"]
     assert second == "proof.json: robot planar3 and scene of planar3.yaml: person, machine, bin, post"
     assert third == "proof.json: not claimed: clearance, moving obstacles, tool, tube"
 
