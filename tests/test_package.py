@@ -106,6 +106,7 @@ def test_all_files_have_the_supported_versions_of_one_table():
     workflow = (ROOT / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8")
     assert set(re.findall(r"python: (\[.*\])", workflow)) == {str(minors).replace("'", '"')}
     assert " ".join(f"cp{minor.replace('.', '')}-*" for minor in minors) in text["pyproject.toml"]
+    assert re.findall(r'"Programming Language :: Python :: (3\.\d+)"', text["pyproject.toml"]) == minors
     for page in PAGES:
         named = re.findall(r"Python (3\.\d+) to (3\.\d+)", page.read_text(encoding="utf-8"))
         assert set(named) <= {(minors[0], minors[-1])}, page
