@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import shutil
 import sys
 from pathlib import Path
 
@@ -109,77 +110,16 @@ def test_a_urdf_in_place_of_a_scenario_is_told_what_to_do(refuses, command, urdf
 # ------------------------------------------------------------------------- two arms, a gripper, wheels, a camera
 
 
-def link(name, size="", mesh=""):
-    shape = f'<box size="{size}"/>' if size else f'<mesh filename="{mesh}"/>'
-    return f'<link name="{name}"><collision><geometry>{shape}</geometry></collision></link>'
-
-
-def joint(name, parent, child, xyz, axis="0 0 1", kind="revolute", limits="-1.5 1.5", rest=""):
-    lower, upper = limits.split()
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/>'
-        f'<axis xyz="{axis}"/><limit lower="{lower}" upper="{upper}" velocity="1" effort="1"/>{rest}</joint>'
-    )
-
-
-def arm(side, y):
-    """Return an arm of four joints with a jointed gripper, whose second jaw mimics the first, and a camera."""
-    parts = [joint(f"{side}_1", "torso", f"{side}_a", f"0 {y} 0.3")]
-    for k, (below, link_name) in enumerate(zip("abc", "bcd", strict=True)):
-        axis = "0 1 0" if k % 2 else "0 0 1"
-        parts.append(joint(f"{side}_{k + 2}", f"{side}_{below}", f"{side}_{link_name}", "0.25 0 0", axis))
-    for finger, out in (("left", 0.02), ("right", -0.02)):
-        rest = f'<mimic joint="{side}_left_jaw" multiplier="-1"/>' if finger == "right" else ""
-        name = f"{side}_{finger}_jaw"
-        parts.append(joint(name, f"{side}_d", f"{name}_link", f"0.2 {out} 0", limits="-0.5 0.5", rest=rest))
-    parts.append(joint(f"{side}_camera", f"{side}_d", f"{side}_camera_link", "0.3 0 0.1", kind="fixed"))
-    links = [link(f"{side}_{part}", "0.1 0.04 0.04") for part in "abc"]
-    links += [link(f"{side}_d", mesh="package://butler/meshes/palm.obj")]
-    links += [link(f"{side}_{finger}_jaw_link", "0.03 0.01 0.02") for finger in ("left", "right")]
-    return "".join(links + parts) + f'<link name="{side}_camera_link"/>'
-
-
-BUTLER = (
-    '<robot name="butler"><link name="base"/>'
-    + link("slide", "0.3 0.3 0.1")
-    + link("torso", "0.1 0.1 0.2")
-    + "".join(link(f"wheel_{k}", "0.05 0.02 0.05") for k in range(2))
-    + joint("roam", "base", "slide", "0 0 0.1", "1 0 0", "prismatic", "-1e9 1e9")
-    + joint("lift", "slide", "torso", "0 0 0.3", "0 0 1", "prismatic", "0 0.3")
-    + "".join(joint(f"wheel_{k}", "slide", f"wheel_{k}", f"0 {0.3 - 0.6 * k} 0", "0 1 0") for k in range(2))
-    + arm("left", 0.2)
-    + arm("right", -0.2)
-    + "</robot>"
-)
-BUTLER_SRDF = """<robot name="butler">
-  <group name="whole"><joint name="lift"/><joint name="left_1"/><joint name="right_1"/></group>
-  <group name="right_arm_and_lift"><chain base_link="slide" tip_link="right_d"/></group>
-  <group name="right_arm"><chain base_link="torso" tip_link="right_d"/><joint name="right_left_jaw"/></group>
-  <group name="left_arm"><chain base_link="torso" tip_link="left_c"/></group>
-  <group name="broken"><joint name="tail"/></group>
-  <group name="gripper"><joint name="right_left_jaw"/></group>
-  <end_effector name="hand" parent_link="right_d" group="gripper"/>
-</robot>"""
-
-
 @pytest.fixture
 def butler(tmp_path, data_folder, monkeypatch):
     """Write a robot into one folder, its package into another that only an option or ROS's variables lead to."""
-    package = tmp_path / "share" / "butler"
+    package, work = tmp_path / "share" / "butler", tmp_path / "work"
     (package / "meshes").mkdir(parents=True)
     (package / "package.xml").write_text("<package><name>butler</name></package>")
-    vertices = (data_folder / "wedge.obj").read_text()
-    smaller = re.sub(
-        r"^v (\S+) (\S+) (\S+)",
-        lambda v: "v " + " ".join(str(0.05 * float(x)) for x in v.groups()),
-        vertices,
-        flags=re.MULTILINE,
-    )
-    (package / "meshes" / "palm.obj").write_text(smaller)
-    work = tmp_path / "work" / "here"
-    work.mkdir(parents=True)
-    (work / "butler.urdf").write_text(BUTLER)
-    (work / "butler.srdf").write_text(BUTLER_SRDF)
+    shutil.copy(data_folder / "wedge.obj", package / "meshes" / "palm.obj")
+    work.mkdir()
+    for kind in ("urdf", "srdf"):
+        shutil.copy(data_folder / f"butler.{kind}", work)
     monkeypatch.chdir(work)
     return tmp_path / "share"
 
@@ -244,16 +184,19 @@ def test_wrong_options_are_one_line(refuses, words, said, butler):
     assert not Path("mine.yaml").exists()
 
 
+HAND = """
+<robot name="hand">
+  <link name="palm"/>
+  <link name="finger"><collision><geometry><box size="0.02 0.02 0.1"/></geometry></collision></link>
+  <joint name="slide" type="prismatic"><parent link="palm"/><child link="finger"/><origin xyz="0 0 0.1"/>
+    <axis xyz="1 0 0"/><limit lower="0" upper="0.004" velocity="1" effort="1"/></joint>
+</robot>
+"""
 WRONG_URDFS = [
     ("<robot/>", "it has no link"),
     ('<robot name="r"><link name="a"/></robot>', "no joint"),
     ('<robot name="r"><xacro:include filename="b"/></robot>', "`pip install xacro`"),
-    (
-        f'<robot name="hand"><link name="palm"/>{link("finger", "0.02 0.02 0.1")}'
-        + joint("slide", "palm", "finger", "0 0 0.1", "1 0 0", "prismatic", "0 0.004")
-        + "</robot>",
-        "person, of 2000 configurations; the tip does not move from one side to the other",
-    ),
+    (HAND, "person, of 2000 configurations; the tip does not move from one side to the other"),
 ]
 
 
