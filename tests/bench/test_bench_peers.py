@@ -105,6 +105,9 @@ serve(Fake)
 """
 
 
+ORDER = {"seed": 0, "time": 0.1, "order": "solve"}
+
+
 @pytest.fixture
 def comparison(exported, tmp_path, monkeypatch):
     (tmp_path / "fake.py").write_text(FAKE.format(folder=str(processes.RUNNERS)))
@@ -117,33 +120,30 @@ def comparison(exported, tmp_path, monkeypatch):
 
 
 def test_warming_up_may_take_longer_than_any_answer(comparison):
-    order = {"seed": 0, "time": 0.1, "order": "solve"}
-    comparison.warm_up(order)
+    comparison.warm_up(ORDER)
     for _ in range(2):
-        answers = comparison.ask(order)
+        answers = comparison.ask(ORDER)
         assert [answer["path"] for answer in answers.values()] == [[[0.0], [1.0]]] * 2
     assert not comparison.unavailable
 
 
 def test_an_error_is_of_one_problem_alone(comparison):
-    order = {"seed": 0, "time": 0.1, "order": "solve"}
-    comparison.warm_up(order)
-    failed = comparison.ask({**order, "order": "raise"})
+    comparison.warm_up(ORDER)
+    failed = comparison.ask({**ORDER, "order": "raise"})
     assert failed["fake"]["error"] == "ValueError: start is in collision"
     assert failed["fake"]["path"] is failed["other"]["path"] is None
-    assert comparison.ask(order)["fake"]["path"] == [[0.0], [1.0]]
+    assert comparison.ask(ORDER)["fake"]["path"] == [[0.0], [1.0]]
     assert not comparison.unavailable
 
 
 def test_a_process_that_ends_is_started_anew_but_not_for_ever(comparison, monkeypatch):
     monkeypatch.setattr(processes, "GRACE", 30.0)
-    order = {"seed": 0, "time": 0.1, "order": "solve"}
     for end in range(processes.STARTS):
-        assert comparison.ask(order)["fake"]["path"] == [[0.0], [1.0]]
-        assert "ended" in comparison.ask({**order, "order": "end"})["fake"]["error"]
+        assert comparison.ask(ORDER)["fake"]["path"] == [[0.0], [1.0]]
+        assert "ended" in comparison.ask({**ORDER, "order": "end"})["fake"]["error"]
         assert ("fake" in comparison.unavailable) == (end == processes.STARTS - 1)
     assert set(comparison.unavailable) == {"fake", "other"}
-    assert comparison.ask(order) == {}
+    assert comparison.ask(ORDER) == {}
 
 
 # ---------------------------------------------------------------------------------------------------- tables

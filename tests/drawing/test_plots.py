@@ -1,6 +1,6 @@
 """Curves and boxes: files are written, axes hold what they should, bad numbers are refused."""
 
-import builtins
+import sys
 
 import numpy as np
 import pytest
@@ -86,14 +86,7 @@ def test_what_cannot_be_drawn_is_named(danger, message, tmp_path):
 
 
 def test_without_matplotlib_the_extra_is_named(monkeypatch, tmp_path):
-    real = builtins.__import__
-
-    def without(name, *rest, **more):
-        if name.startswith("matplotlib"):
-            raise ImportError(name)
-        return real(name, *rest, **more)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(SafeOmplError, match=r"safe-ompl\[plots\]"):
         plot_plan([1.0, 2.0], tmp_path / "a.png")
 
