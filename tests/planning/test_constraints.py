@@ -177,8 +177,10 @@ def scenario(scene, ends):
     return Scenario("cup", RobotSpec("ur5"), scene, start, Goal((goal,)))
 
 
-def test_scenarios_keep_tools_upright_and_have_regions(scenario, tmp_path):
-    limits = PathLimits(tool=ToolConstraint(LIMIT, (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)), tip=TipBox(z=(0.2, 0.9)))
+def test_scenarios_have_limits_and_regions(scenario, tmp_path):
+    tool = ToolConstraint(LIMIT, (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
+    exempt = (("wrist_3_link", "pillar"), ("wrist_2_link", "pillar"))
+    limits = PathLimits(30.0, 0.02, ("pillar",), exempt, tool=tool, tip=TipBox(z=(0.2, 0.9)))
     region = GoalRegion(Pose(SIDES[1]), x=(-0.05, 0.05), yaw=(0.0, 1.0))
     for goal in (Goal(region=region), Goal(scenario.goal.configurations, region=region, tolerance=0.004)):
         dataclasses.replace(scenario, goal=goal, limits=limits).save(tmp_path / "cup.yaml")
@@ -187,15 +189,28 @@ def test_scenarios_keep_tools_upright_and_have_regions(scenario, tmp_path):
         setup = setup_scenario(again)
         assert tool_limit(setup, ToolOrientation).limit == LIMIT
         assert tool_limit(setup, TipBounds).lower.tolist() == [-np.inf, -np.inf, 0.2]
-    claims = setup.plan(seed=1, time=8.0).report.validation.claims
-    assert claims == ("no collision", "tool orientation", "tip position")
+        kept = setup.getConstraints().separation.min_clearance
+        assert (kept.distance, kept.obstacles, kept.exempt) == (0.02, ("pillar",), set(exempt))
+    result = setup.plan(seed=1, time=8.0)
+    assert result.report.danger.max <= 30.0
+    claims = ("no collision", "min clearance", "max danger", "tool orientation", "tip position")
+    assert result.report.validation.claims == claims
 
 
-def test_upright_on_the_command_line(scenario, tmp_path, monkeypatch):
+def test_limits_on_the_command_line(scenario, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     scenario.save("cup.yaml")
-    assert main(["plan", "cup.yaml", "--seed", "1", "--keep-upright", "30", "--json", "result.json"]) == 0
-    result = json.loads(Path("result.json").read_text())
+    limits = ["--keep-upright", "30", "--max-danger", "30", "--min-clearance", "0.02"]
+    files = ["--json", "result.json", "--certificate", "proof.json"]
+    assert main(["plan", "cup.yaml", "--seed", "1", *limits, *files]) == 0
+    result, proof = (json.loads(Path(name).read_text()) for name in ("result.json", "proof.json"))
     setup = setup_scenario(scenario)
     assert tilts(setup, densely(setup.robot, np.array(result["path"]))).max() <= LIMIT
     assert "tool orientation" in result["validation"]["claims"]
+    assert proof["stretches"][0]["danger"]["bound"] <= 30.0
+    assert proof["stretches"][0]["clearance"] == {"distance": 0.02, "obstacles": ["pillar"]}
+    capfd.readouterr()
+    assert main(["verify", "proof.json"]) == 0
+    assert "at least 20 mm from pillar" in capfd.readouterr().out
+    assert main(["plan", "cup.yaml", "--max-danger", "3"]) == 2
+    assert "is above the limit 3" in capfd.readouterr().err

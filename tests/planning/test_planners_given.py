@@ -43,12 +43,6 @@ def test_planners_that_would_hang_or_crash_are_refused(setup, name, way):
     assert setup.plan(time=20.0), "the setup is as good as before"
 
 
-@pytest.mark.parametrize("planner", [3, None, "RRTConnect", og.RRTConnect])
-def test_what_is_no_planner_is_refused(setup, planner):
-    with pytest.raises(InputError, match="planner"):
-        setup.setPlanner(planner)
-
-
 def test_other_planners_are_taken(setup):
     setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
     assert setup.solve(20.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from ball import BALL, GOAL, IN_BALL, SCENE, START, setup_for
-from ompl import base as ob
+from ompl import base as ob, geometric as og
 
 from safe_ompl import CollisionError, DangerObjective, InputError, MotionProver, Scenario, Scene, check, time_path
 from safe_ompl.certificates import certificate, verify
@@ -111,10 +111,15 @@ BAD_ARGUMENTS = [
     *(("plan", {"time": time}, "time limit: must be a positive number") for time in (0, -1.0, np.nan, np.inf, "5")),
     *(("solve", {"time": time}, "time must be") for time in ("soon", -1.0, None, float("nan"))),
     *(("plan", {"seed": seed}, "seed: must be a whole number") for seed in (-1, 2**32, 1.5, "one", None, True)),
+    *(("plan", {"ways": ways}, f'ways must be 1 or "all", got {ways!r}') for ways in (2, True, "both", None)),
+    ("plan", {"ways": "all", "starts": 2}, "leave out starts"),
+    ("plan", {"ways": "all", "optimise": 1.0}, "leave out optimise"),
+    ("plan", {"starts": 0}, "starts"),
+    ("plan", {"starts": 1.5}, "starts"),
+    ("plan", {"starts": 2, "workers": 0}, "workers"),
     ("plan", {"planner": "RTT"}, "unknown planner 'RTT'; did you mean 'RRT'"),
+    ("plan", {"planner": "RTT", "starts": 2}, "unknown planner 'RTT'; did you mean 'RRT'"),
     ("plan", {"parameters": {"alfa": 1.0}}, "unknown parameter of SafeRRTConnect 'alfa'; did you mean 'alpha'"),
-    ("plan", {"parameters": {"alpha": "much"}}, "alpha: must be a finite number >= 0, got 'much'"),
-    ("plan", {"planner": "RRTConnect", "parameters": {"range": "far"}}, "'range' of RRTConnect: 'far' has the wr"),
     ("plan", {"planner": None}, "planner must be a name of planner_names"),
     ("plan", {"planner": SafeRRTConnect}, r"SafeRRTConnect is a class: give a planner, SafeRRTConnect\(setup"),
     ("plan", {"simplify": -1.0}, "simplify: must be a positive number of seconds"),
@@ -123,6 +128,10 @@ BAD_ARGUMENTS = [
     ("simplifySolution", {}, "there is no solution"),
     ("solution", {}, "there is no solution: call solve or plan first"),
     ("setSimplification", {"weight": -1.0}, "weight"),
+    *(("setPlanner", {"planner": planner}, "planner") for planner in (3, None, "RRTConnect", og.RRTConnect)),
+    ("setStateValidityChecker", {"checker": lambda state: None}, "must return a bool"),
+    ("setStateValidityChecker", {"checker": 5}, "must be an ob.StateValidityChecker or a function of a state, got 5"),
+    ("setStateValidityChecker", {"checker": bool, "resolution": 0.0}, "resolution: must be a positive distance"),
 ]
 
 

@@ -8,7 +8,7 @@ import pytest
 from ompl import base as ob
 
 import safe_ompl
-from safe_ompl import InputError, PlanningError, SafeRRTConnect, Scenario
+from safe_ompl import PlanningError, SafeRRTConnect, Scenario
 from safe_ompl.common import in_order
 from safe_ompl.planning import setup_scenario
 
@@ -60,18 +60,25 @@ def test_the_objective_of_the_setup_decides_and_among_equals_the_first_seed(setu
     assert setup.plan("RRTConnect", seed=FIRST, starts=STARTS, workers=2).seed == FIRST
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_simplified_starts_and_those_without_a_path(setup, workers):
+@pytest.mark.parametrize(
+    "options", [*({"starts": 3, "workers": workers, "simplify": True} for workers in (1, 2)), {"ways": "all"}]
+)
+def test_starts_without_a_path_are_skipped_and_without_any_there_is_none(setup, options):
     class Fickle(SafeRRTConnect):
+        fails_below = 2
+
         def _search(self, ptc):
-            return None if self.getSeed() < 2 else super()._search(ptc)
+            return None if self.getSeed() < self.fails_below else super()._search(ptc)
 
     planner = Fickle(setup.getSpaceInformation())
-    result = setup.plan(planner, seed=0, starts=3, workers=workers, simplify=True, time=60.0)
-    assert result.seed == 2
-    np.testing.assert_array_equal(result.path, setup.plan(planner, seed=2, simplify=True, time=60.0).path)
-    nothing = setup.plan(planner, seed=0, starts=2, workers=workers)
-    assert (nothing.path, nothing.seed) == (None, 0)
+    result = setup.plan(planner, seed=0, time=60.0, **options)
+    assert (result.certified, result.status) == (True, "Exact solution")
+    if "starts" in options:
+        assert result.seed == 2
+        np.testing.assert_array_equal(result.path, setup.plan(planner, seed=2, simplify=True, time=60.0).path)
+    planner.fails_below = 100
+    nothing = setup.plan(planner, seed=0, time=60.0, **options)
+    assert (nothing.path, nothing.seed, nothing.ways, nothing.status) == (None, 0, (), "Timeout")
     assert not setup.haveSolutionPath()
 
 
@@ -99,9 +106,6 @@ def test_ctrl_c_leaves_the_best_so_far(setup, monkeypatch, workers, done):
 
 
 def test_what_goes_wrong_in_a_start_is_said(setup, monkeypatch):
-    for wrong in ({"starts": 0}, {"starts": 1.5}, {"starts": 2, "workers": 0}, {"planner": "Fly", "starts": 2}):
-        with pytest.raises(InputError):
-            setup.plan(**{"workers": 2, **wrong})
     monkeypatch.setattr(SafeRRTConnect, "_search", lambda self, ptc: os.kill(os.getpid(), signal.SIGKILL))
     with pytest.raises(PlanningError, match=r"seed 7 .*exit code -9"):
         setup.plan(seed=7, starts=2, workers=2)

@@ -54,16 +54,6 @@ def test_a_checker_is_obeyed_and_named(ur5, as_object, danger):
     assert told["checks"] == [{"name": name, "resolution": 0.01, "passed": True}]
 
 
-def test_places_of_the_tip_obey_it(setup):
-    setup.setStateValidityChecker(low_only)
-    setup.setWorkspaceGoal(setup.robot.tip_pose(GOAL).translation)
-    state = setup.getStateSpace().allocState()
-    for _ in range(4):
-        assert setup.getGoal().maxSampleCount()
-        setup.getGoal().sampleGoal(state)
-        assert state[1] < LIFTED
-
-
 def test_a_report_says_who_refuses_and_where(setup):
     free = setup.is_free([START, HIGH])
     assert (bool(free), free.why) == (True, "")
@@ -110,19 +100,6 @@ def test_motions_are_sampled_with_both_ends(setup):
     check = SampledValidity(count, StateBridge(setup.getStateSpace()), 0.3)
     assert check.check(np.zeros(6), UP).verdict is Verdict.FREE
     np.testing.assert_allclose(asked, [0, 0.25, 0.5, 0.75, 1])
-
-
-NO_CHECKERS = [
-    ((lambda state: None,), "must return a bool"),
-    ((5,), "must be an ob.StateValidityChecker or a function of a state, got 5"),
-    ((low_only, 0.0), "resolution: must be a positive distance"),
-]
-
-
-@pytest.mark.parametrize(("arguments", "message"), NO_CHECKERS)
-def test_what_is_no_checker(setup, arguments, message):
-    with pytest.raises(InputError, match=message):
-        setup.setStateValidityChecker(*arguments)
 
 
 def test_plugins_on_the_space_information_are_refused(setup):

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from ball import never
 
 import safe_ompl
-from safe_ompl import Cylinder, InputError, Obstacle, Pose, SafeRRTConnect, Scenario, Scene, Simplifier, load, save
-from safe_ompl.planning import SafeSetup, run, setup_scenario
+from safe_ompl import Cylinder, Obstacle, Pose, SafeRRTConnect, Scenario, Scene, Simplifier, load, save
+from safe_ompl.planning import SafeSetup, run, setup_scenario, ways
 from safe_ompl.planning.simplification import simplifier
 
 START, GOAL = (1.3, 0.3), (-1.3, 0.3)
@@ -42,22 +43,6 @@ def test_one_way_is_what_it_was(setup):
     assert "found" not in str(one)
 
 
-BAD_WAYS = [
-    ({"ways": 2}, 'ways must be 1 or "all", got 2'),
-    ({"ways": True}, 'ways must be 1 or "all", got True'),
-    ({"ways": "both"}, "got 'both'"),
-    ({"ways": None}, "got None"),
-    ({"ways": "all", "starts": 2}, "leave out starts"),
-    ({"ways": "all", "optimise": 1.0}, "leave out optimise"),
-]
-
-
-@pytest.mark.parametrize(("options", "words"), BAD_WAYS)
-def test_what_ways_may_be(setup, options, words):
-    with pytest.raises(InputError, match=words):
-        setup.plan(**options)
-
-
 # -------------------------------------------------------------------------------------------- left or right of a pillar
 
 
@@ -69,10 +54,14 @@ def beside_a_pillar(robot):
     return setup
 
 
+def on_one_side_of_it(robot):
+    """Return two setups whose limits of the elbow leave one side only; the cheaper side first."""
+    return [beside_a_pillar(robot.with_limits({"joint2": limits})) for limits in ((-0.7, 2.6), (-2.6, 0.7))]
+
+
 def test_all_ways_find_the_cheaper_side_of_a_pillar_more_often_and_say_what_the_other_costs():
     robot = Scenario.load("planar2").build_robot()
-    sides = (-0.7, 2.6), (-2.6, 0.7)  # limits of the elbow that leave one side only
-    only = [beside_a_pillar(robot.with_limits({"joint2": limits})) for limits in sides]
+    only = on_one_side_of_it(robot)
     cheap, dear = (
         [plan.report.danger.integral for plan in (setup.plan(seed=seed, simplify=True) for seed in SEEDS)]
         for setup in only
@@ -91,6 +80,16 @@ def test_all_ways_find_the_cheaper_side_of_a_pillar_more_often_and_say_what_the_
     both = [result.ways for result in results if len(result.ways) > 1]
     assert both
     assert all(costs[1] == pytest.approx(np.median(dear), rel=0.1) for costs in both)
+
+
+@pytest.mark.parametrize(("saves", "joints"), [(True, 2), (False, 1)])
+def test_paths_are_joined_once_more_where_that_saved_much(monkeypatch, saves, joints):
+    robot = Scenario.load("planar2").build_robot()
+    cheap, dear = (setup.plan(seed=0, simplify=True).path for setup in on_one_side_of_it(robot))
+    setup, joined = beside_a_pillar(robot), []
+    monkeypatch.setattr(ways, "hybrid", lambda *asked: joined.append(asked) or (cheap if saves else dear))
+    ways.WaySearch(setup, setup.simplifier, 60.0, never).run(lambda start: dear)
+    assert len(joined) == joints
 
 
 def test_ways_to_a_place_of_the_tip_end_there():
@@ -147,34 +146,23 @@ def test_what_the_users_own_checker_refuses_is_not_returned(setup):
 # ----------------------------------------------------------------------------------------------------- ends of a search
 
 
-class Fickle(SafeRRTConnect):
-    """Fails with seeds below three, and lets a second pass with each start."""
-
-    clock = 0.0
-
-    def _search(self, ptc):
-        Fickle.clock += 1.0
-        return None if self.getSeed() < 3 else super()._search(ptc)
-
-
-def test_starts_without_a_path_are_skipped_and_without_any_there_is_no_way(setup, monkeypatch):
-    planner = Fickle(setup.getSpaceInformation())
-    found = setup.plan(planner, seed=1, ways="all", time=60.0)
-    assert (found.certified, len(found.ways) > 0, found.status) == (True, True, "Exact solution")
-    monkeypatch.setattr(planner, "getSeed", lambda: 0, raising=False)
-    nothing = setup.plan(planner, seed=0, ways="all", time=60.0)
-    assert (nothing.path, nothing.ways, nothing.status) == (None, (), "Timeout")
-    assert not setup.haveSolutionPath()
-
-
 def test_no_start_begins_when_the_time_is_up(setup, monkeypatch):
-    planner, Fickle.clock = Fickle(setup.getSpaceInformation()), 0.0
+    class Slow(SafeRRTConnect):
+        """Lets a second pass with each start."""
+
+        clock = 0.0
+
+        def _search(self, ptc):
+            Slow.clock += 1.0
+            return super()._search(ptc)
+
+    planner = Slow(setup.getSpaceInformation())
     for module in (run, simplifier):
-        monkeypatch.setattr(module, "perf_counter", lambda: Fickle.clock)
+        monkeypatch.setattr(module, "perf_counter", lambda: Slow.clock)
     begin, begun = Simplifier.begin, []
     monkeypatch.setattr(Simplifier, "begin", lambda *given, **options: begun.append(0) or begin(*given, **options))
     result = setup.plan(planner, seed=3, ways="all", time=1.5)
-    assert (result.certified, Fickle.clock, len(begun)) == (True, 2.0, 2)
+    assert (result.certified, Slow.clock, len(begun)) == (True, 2.0, 2)
 
 
 def test_further_starts_take_longer_motions_and_no_more_queries_than_all_before(setup):

@@ -16,6 +16,7 @@ from safe_ompl import Cylinder, Obstacle, Pose, Robot, SafeSetup, Scenario, Scen
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import SafeRRTConnect, is_ours, make_planner, needs_place, planner_data, planner_names
 from safe_ompl.planning.planners.problem import Margin
+from safe_ompl.planning.planners.roadmap import Roadmap
 from safe_ompl.robot import OwnState
 
 OURS = [name for name in planner_names() if is_ours(name)]
@@ -288,9 +289,12 @@ def test_clearance_costs_no_solution_where_no_motion_keeps_it(shelf, name, dange
     setup = SafeSetup(shelf.robot, shelf.scene, danger=danger)
     setup.setWorkspaceGoal(shelf.robot.tip_pose(shelf.query.goals[0]).translation)
     setup.setConfigurations(shelf.query.start, shelf.query.goals)
+    margins, is_free = [LARGE], Roadmap.is_free
+    monkeypatch.setattr(Roadmap, "is_free", lambda *asked: margins.append(asked[-1]) or is_free(*asked))
     result = setup.plan(name, time=60.0, seed=0)
     assert result
     assert result.counts.nodes < 2000
+    assert set(margins) <= {LARGE, 0.3 * LARGE, 0.0}, "after two penalties an edge must only be free"
 
 
 ONCE_LONGER = [
