@@ -1,42 +1,23 @@
 """A setup that has solved one query answers the next one, whichever planner and however it is asked."""
 
-from itertools import count, pairwise
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from ompl import base as ob
+from planar import MOTION, OTHER_START, begun, build, solved, state
 
-from safe_ompl import Box, DangerObjective, InputError, Obstacle, Pose, SafeSetup, Scenario, Sphere
-from safe_ompl.planning.planners import SafeRRTConnect, make_planner, needs_place, planner_names
+from safe_ompl import DangerObjective, InputError, Obstacle, Pose, Sphere
+from safe_ompl.planning.planners import SafeRRTConnect, needs_place, planner_names
 from safe_ompl.planning.simplification import Curve
 
-# Planners that optimise go on until they are stopped. Two of them stand for all.
-OPTIMISING = ("RRTstar", "BITstar")
 PLANNERS = [
     name
     for name in planner_names()
     if not needs_place(name) and not name.startswith("Paper") and name not in ("InformedRRTstar", "SORRTstar")
 ]
-OTHER_START = np.array([0.05, 0.05, 0.0])
 SHARES = np.linspace(0, 1, 20)
-MOTION = np.array([0.4, 0.2, -0.15])
 OTHER_MOTION = np.array([0.5, 0.15, -0.1])
-FAR = Obstacle("far", Box((0.1, 0.1, 0.1)), Pose((20.0, 0.0, 0.0)))
-
-
-def build():
-    scenario = Scenario.load("planar3")
-    setup = SafeSetup(scenario.build_robot(), scenario.scene.with_obstacles(FAR), movable=["far"])
-    start = scenario.start_configuration(setup.robot)
-    setup.setWorkspaceGoal(setup.robot.tip_pose(start + MOTION).translation)
-    setup.setConfigurations(start, start + MOTION)
-    return setup, start
-
-
-def state(setup, q):
-    made = setup.getStateSpace().allocState()
-    setup.bridge.write(q, made)
-    return made
 
 
 def states(setup, *rows):
@@ -44,27 +25,6 @@ def states(setup, *rows):
     for q in rows:
         goal.addState(state(setup, q))
     return goal
-
-
-def limit(name):
-    """Return a limit [s], or one of steps for planners that would use all of their time; no machine is too slow."""
-    steps = count()
-    return ob.PlannerTerminationCondition(lambda: next(steps) >= 300) if name in OPTIMISING else 60.0
-
-
-def solved(setup, name):
-    assert setup.solve(limit(name)).getStatus() == ob.PlannerStatus.EXACT_SOLUTION
-    path = setup.solution()
-    assert setup.report(path).certified
-    return path
-
-
-def begun(name):
-    setup, start = build()
-    setup.setPlanner(make_planner(name, setup.getSpaceInformation()))
-    solved(setup, name)
-    assert setup.haveSolutionPath()
-    return setup, start
 
 
 # -------------------------------------------------------------------------------------------- another start or goal
@@ -235,8 +195,8 @@ def test_no_path_leads_through_what_the_objective_calls_nan(name, of, radius):
     for simplify in (False, 0.05):
         result = setup.plan(name, time=0.1, seed=1, simplify=simplify)
         assert setup.getOptimizationObjective() is objective
-        assert bool(result) == setup.haveSolutionPath() == (result.path is not None)
-        assert radius == 0.1 or not result
+        assert bool(result) == setup.haveExactSolutionPath() == (result.path is not None)
+        assert radius == 0.1 or not setup.haveSolutionPath()
         if result and "states" in of:
             assert not any(objective.near(q) for q in result.path)
         if result and "motions" in of:

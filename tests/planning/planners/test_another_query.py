@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from ompl import base as ob
+from planar import MOTION, OTHER_START, state
 
 from safe_ompl import WorkspaceGoal, make_planner, planner_names
 from safe_ompl.planning import setup_scenario
@@ -12,8 +13,6 @@ from safe_ompl.robot import ScratchState
 OURS = [name for name in planner_names() if is_ours(name)]
 PRINTED = [name for name in planner_names() if name.startswith("Paper")]
 SLOW = {"PaperSafeJTRRT": {"null_space_gain": 0.0}}
-MOTION = np.array([0.4, 0.2, -0.15])
-OTHER_START = np.array([0.05, 0.05, 0.0])
 OTHER_GOAL = np.array([0.1, -0.05, 0.05])
 
 
@@ -25,9 +24,7 @@ class Query:
         self.si = setup.getSpaceInformation()
 
     def state(self, q):
-        state = self.setup.getStateSpace().allocState()
-        self.setup.bridge.write(q, state)
-        return state
+        return state(self.setup, q)
 
     def goal_object(self):
         if needs_place(self.planner):

@@ -11,8 +11,9 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 from ompl import base as ob, geometric as og, util as ou
+from planar import begun, build, solved
 
-from safe_ompl import Cylinder, Obstacle, Pose, Robot, SafeSetup, Scenario, Scene
+from safe_ompl import Cylinder, Obstacle, Pose, Robot, SafeSetup, Scene
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners import SafeRRTConnect, is_ours, make_planner, needs_place, planner_data, planner_names
 from safe_ompl.planning.planners.problem import Margin
@@ -21,51 +22,15 @@ from safe_ompl.robot import OwnState
 
 OURS = [name for name in planner_names() if is_ours(name)]
 SAFE = [name for name in OURS if not name.startswith("Classic")]
-MOTION = np.array([0.4, 0.2, -0.15])  # short enough for every planner to find in no time
 LARGE = 10.0  # [m]; no motion of an arm keeps so much from a floor
-
-
-def load(name="planar3"):
-    return Scenario.load(name)
-
-
-def ask(setup, planner, start):
-    """Ask for a short motion, as the planner's goals are."""
-    if needs_place(planner):
-        setup.setStartConfiguration(start)
-        setup.setWorkspaceGoal(setup.robot.tip_pose(start + MOTION).translation)
-    else:
-        setup.setConfigurations(start, start + MOTION)
-
-
-def build(planner, scenario=None):
-    scenario = scenario or load()
-    setup = SafeSetup(scenario.build_robot(), scenario.scene)
-    ask(setup, planner, scenario.start_configuration(setup.robot))
-    return setup
-
-
-def with_planner(name):
-    setup = build(name)
-    planner = make_planner(name, setup.getSpaceInformation())
-    planner.setSeed(0)
-    setup.setPlanner(planner)
-    return setup, planner
-
-
-def solved(setup):
-    assert setup.solve(10.0).getStatus() == ob.PlannerStatus.EXACT_SOLUTION
-    path = setup.solution()
-    assert setup.report(path).certified
-    return path
 
 
 def rows(planner):
     return {q.tobytes() for q in planner.plannerGraph().configurations}
 
 
-def path_of(planner, seed, scenario=None):
-    return build(planner, scenario).plan(planner, time=20.0, seed=seed).path
+def path_of(planner, seed):
+    return build()[0].plan(planner, time=20.0, seed=seed).path
 
 
 # ------------------------------------------------------------------------------------------------ paths and life
@@ -86,30 +51,30 @@ def test_finds_a_proven_path_from_start_to_goal_the_same_for_the_same_seed(plana
 
 @pytest.mark.parametrize("name", OURS)
 def test_solving_again_goes_on_and_clearing_forgets(name):
-    setup, planner = with_planner(name)
-    solved(setup)
+    setup, _ = begun(name)
+    planner = setup.getPlanner()
     before = rows(planner)
-    solved(setup)
+    solved(setup, name)
     assert before <= rows(planner)
     planner.clearQuery()
     setup.getProblemDefinition().clearSolutionPaths()
-    solved(setup)
+    solved(setup, name)
     setup.clear()
     assert not setup.haveSolutionPath()
     assert rows(planner) == set()
     assert planner.counts.nodes == 0
-    solved(setup)
+    solved(setup, name)
 
 
 @pytest.mark.parametrize("name", OURS)
 @pytest.mark.parametrize("first", ["planner", "setup"])
 def test_any_order_of_ends(name, first):
-    setup, planner = with_planner(name)
-    path = solved(setup)
+    setup, _ = begun(name)
+    planner, path = setup.getPlanner(), setup.solution()
     if first == "planner":
         del planner
         gc.collect()
-        solved(setup)
+        solved(setup, name)
         del setup
     else:
         del setup
@@ -123,7 +88,7 @@ def test_any_order_of_ends(name, first):
 
 @pytest.mark.parametrize("name", OURS)
 def test_a_planner_is_freed_as_soon_as_nobody_holds_it(name):
-    planner = make_planner(name, build(name).getSpaceInformation())
+    planner = make_planner(name, build()[0].getSpaceInformation())
     part = weakref.ref(planner.counts)
     gc.disable()
     try:
@@ -140,7 +105,7 @@ def path_after(before, name, seed):
     """Return a path, after distances were asked for in a scenario, if one is named."""
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
     if before:
-        setup_scenario(load(before)).checker.pair_distances([0.3, 0.2])
+        setup_scenario(before).checker.pair_distances([0.3, 0.2])
     return path_of(name, seed)
 
 
@@ -305,7 +270,7 @@ ONCE_LONGER = [
 
 @pytest.mark.parametrize(("family", "scenario"), ONCE_LONGER)
 def test_peaks_are_below_classical_ones_and_paths_hardly_longer(family, scenario):
-    setup = setup_scenario(load(scenario))
+    setup = setup_scenario(scenario)
     peaks, lengths = [], []
     for planner in (f"Safe{family}", f"Classic{family}"):
         reports = [setup.plan(planner, time=20.0, seed=seed).report for seed in range(5)]
