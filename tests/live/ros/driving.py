@@ -52,11 +52,12 @@ class Drive:
         self.robot, self.q, self.qd = cell.robot, np.array(start), np.zeros(len(start))
         self.person, self.told, self.ticks = AWAY.copy(), None, []
         self.joints = self.people = self.deaf = False  # what is lost
+        self.off = 0.0  # [rad] from where joints are to where they are measured
 
     def see(self):
         """Measure the robot and the person."""
         if not self.joints:
-            self.controller.receive_joints(self.time, self.robot.joint_names, self.q, self.qd)
+            self.controller.receive_joints(self.time, self.robot.joint_names, self.q + self.off, self.qd)
         if not self.people:
             self.controller.receive_people(self.time, dict.fromkeys(self.controller.cell.trackers, BODY + self.person))
 

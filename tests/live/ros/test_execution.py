@@ -1,5 +1,6 @@
 """Trajectories of others behind a guard: driven on their own path, stopped, resumed, and ended as the action says."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -195,34 +196,22 @@ def test_a_fault_stops_it_on_the_path_until_it_is_gone(drive, there, fault, reje
 # ----------------------------------------------------------------------------------------------------- tolerances
 
 
-def test_a_robot_that_leaves_its_path_is_stopped_for_good(drive, there):
-    _, outcomes = send(drive, *there, path=tolerances(panda_joint1={"position": 0.02}))
-    drive.run(0.5)
-    drive.deaf = True
-    drive.run(2.0)
-    ((code, reason, _),) = outcomes
-    assert code == Code.PATH_TOLERANCE_VIOLATED
-    assert reason.startswith("'panda_joint1' is off by 0.")
-    assert "more than 0.02" in reason
+PATH, END = Code.PATH_TOLERANCE_VIOLATED, Code.GOAL_TOLERANCE_VIOLATED
+# The tolerances of a goal, what is wrong with the robot or the person, and how the trajectory ends.
+ENDS = [
+    ({"path": tolerances(panda_joint1={"position": 0.02})}, {"deaf": True}, PATH, r"1' is off by .* more than 0\.02"),
+    ({"late": 1.0}, {"person": NEAR}, END, "later than allowed .* of 'operator' may come "),
+    ({"end": tolerances(panda_joint2={"position": 1e-3})}, {"off": 0.002}, END, "2' is off by 0.002, more than 0.001"),
+]
 
 
-def test_goal_time_tolerance(drive, there):
-    drive.person = NEAR
-    _, outcomes = send(drive, *there, late=1.0)
-    drive.run(there[0][-1] + 2.0)
-    ((code, reason, _),) = outcomes
-    assert code == Code.GOAL_TOLERANCE_VIOLATED
-    assert "of 'operator' may come " in reason
-
-
-def test_a_robot_that_does_not_get_to_the_end(drive, there):
-    _, outcomes = send(drive, *there, end=tolerances(panda_joint2={"position": 1e-3}))
-    moved = Drive.move
-    drive.move = lambda: (moved(drive), setattr(drive, "q", drive.q + np.array([0, 0.002, 0, 0, 0, 0, 0])))
-    while not outcomes:
-        drive.run(0.05)
-    assert outcomes[0].code == Code.GOAL_TOLERANCE_VIOLATED
-    assert outcomes[0].reason == "'panda_joint2' is off by 0.002, more than 0.001 rad or m"
+@pytest.mark.parametrize(("changes", "wrong", "code", "said"), ENDS)
+def test_a_trajectory_that_is_not_followed_within_its_tolerances(drive, there, changes, wrong, code, said):
+    _, outcomes = send(drive, *there, **changes)
+    vars(drive).update(wrong)
+    drive.run(there[0][-1] + 3.0)
+    assert outcomes[0].code == code
+    assert re.search(said, outcomes[0].reason)
 
 
 def test_when_it_begins(drive, there):

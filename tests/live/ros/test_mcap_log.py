@@ -162,21 +162,22 @@ def test_a_shield_is_logged_and_read_back(panda, tmp_path):
     np.testing.assert_array_equal(content.motions["live"].motion.knots[5], written[5]["q"])
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda data: data[: len(data) // 2], "is broken, cut off, or no recording"),
-        (lambda data: data[:-1], "is broken, cut off, or no recording"),
-        (lambda data: b"", "is broken, cut off, or no recording"),
-        (lambda data: b"{}\n", "is broken, cut off, or no recording"),
-        (lambda data: data[:9000] + bytes(200) + data[9200:], "is broken, cut off, or no recording"),
-        (None, "cannot be read (No such file or directory)"),
-    ],
-)
-def test_broken_files_are_refused_in_one_line(drive, tmp_path, capsys, change, message):
-    file = tmp_path / "bad.mcap"
+BROKEN = [
+    lambda data: data[: len(data) // 2],
+    lambda data: data[:-1],
+    lambda data: b"",
+    lambda data: b"{}\n",
+    lambda data: data[:9000] + bytes(200) + data[9200:],
+    None,
+]
+
+
+@pytest.mark.parametrize("change", BROKEN)
+def test_broken_files_are_refused_in_one_line(drive, tmp_path, capsys, change):
+    file, message = tmp_path / "bad.mcap", "cannot be read (No such file or directory)"
     if change is not None:
         file.write_bytes(change((drive / "drive.mcap").read_bytes()))
+        message = "is broken, cut off, or no recording"
     for words in (["view", str(file), "--html", str(tmp_path / "a.html")], ["tube", str(file)]):
         capsys.readouterr()
         assert main(words) == 2

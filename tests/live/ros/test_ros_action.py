@@ -15,11 +15,10 @@ if os.environ.get("SAFE_OMPL_ROS") != "1":
     pytest.importorskip("rclpy")
     pytest.importorskip("rosbags")
     pytest.importorskip("control_msgs")
-import rclpy
 from action_msgs.msg import GoalStatus
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action import ActionClient
-from test_ros_node import FIRST, GOAL, NAMES, SIM, START, World, ended, start_node
+from test_ros_node import GOAL, NAMES, START, World, driven
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from safe_ompl.apps import main
@@ -65,20 +64,11 @@ class Client(World):
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory):
-    rclpy.init()
-    client, log = Client(), tmp_path_factory.mktemp("guard") / "node.log"
-    with log.open("w") as stream:
-        node = start_node("panda_shelf", "--controller", "arm", *SIM, log=stream, command="guard")
-        try:
-            client.wait(lambda: "ready" in log.read_text(), "ready", FIRST)
-            assert client.action.wait_for_server(60.0)
-            yield client
-        finally:
-            code = ended(node)
-            rclpy.try_shutdown()
-            client.thread.join()
-    assert code == 0, log.read_text()
-    assert "Traceback" not in log.read_text()
+    folder = tmp_path_factory.mktemp("guard")
+    with driven(folder, "panda_shelf", "--controller", "arm", command="guard", make=Client) as client:
+        assert client.action.wait_for_server(60.0)
+        yield client
+    assert "Traceback" not in (folder / "node.log").read_text()
 
 
 def test_a_trajectory_is_driven_with_feedback(client):

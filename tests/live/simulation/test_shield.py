@@ -80,16 +80,21 @@ def test_a_motion_is_driven_in_its_own_timing_to_its_end(shield_for, motion, sta
     np.testing.assert_allclose(states[-1, 0], known(2.0 if start is None else motion.times[-1]), atol=1e-9)
 
 
-def test_beside_somebody_it_is_slower_on_the_same_path(shield_for):
-    def ball(time):
-        return 0.75, 0.0, 0.5 + 1.5 * max(time - 3.0, 0.0)
+@pytest.mark.parametrize(
+    ("speed", "place", "reason"), [(1, (0.75, 0.0, 0.5), "ball"), (3, FAR, "limits of the joints")]
+)
+def test_what_cannot_be_driven_in_time_is_driven_later_on_the_same_path(shield_for, speed, place, reason):
+    """Beside a ball that leaves after 3 s, and beyond the limits of accelerations."""
 
-    motion = Motion.hermite(np.arange(81) / 20, swing(np.arange(81) / 20))
-    commands, states = drive_shield(shield_for(), once(motion), ball, 6.0)
-    assert any(command.action is Action.SLOWED and "ball" in command.reason for command in commands)
-    assert max(command.delay for command in commands) > 0.1
-    assert from_path(states, 4.0) < 2e-3
-    assert commands[-1].action is Action.DONE  # it has gone on when the ball was away
+    def ball(time):
+        return place + np.array([0.0, 0.0, 1.5 * max(time - 3.0, 0.0)])
+
+    times = np.arange(80 // speed + 1) / 20
+    commands, states = drive_shield(shield_for(), once(Motion.hermite(times, swing(speed * times))), ball, 6.0)
+    assert any(command.action is Action.SLOWED and reason in command.reason for command in commands)
+    assert max(command.delay for command in commands) > 0.05
+    assert from_path(states, 4.5) < 2e-3
+    assert commands[-1].action is Action.DONE
 
 
 def wild(seed):
@@ -158,14 +163,6 @@ def test_it_stops_on_the_path_before_what_is_not_proven(shield_for, joint, tilt,
     assert commands[-1].action is Action.STANDING
     assert re.search(reason, commands[-1].reason)
     assert np.abs(states[-1, 0] - HOME).max() > 0.3
-
-
-def test_accelerations_beyond_the_limits_cost_time_only(shield_for):
-    motion = Motion.hermite(np.arange(61) / 40, swing(3 * np.arange(61) / 40))
-    commands, states = drive_shield(shield_for(), once(motion), lambda t: FAR, 4)
-    assert commands[-1].action is Action.DONE
-    assert any("limits" in command.reason for command in commands)
-    assert from_path(states, 4.5) < 2e-3
 
 
 @pytest.mark.parametrize("jerk", [None, JERKS[1]])
