@@ -81,10 +81,10 @@ def shield_for(panda, table):
 
 @pytest.fixture
 def to_and_fro(panda):
-    """Return a function that makes the trajectories there and back for a replanner, perhaps with limits of speed."""
+    """Return a function that makes the trajectories there and back, perhaps with limits of jerks (7,) and speeds."""
 
-    def make(replanner, **speeds):
-        limits = RateLimits.of(panda, acceleration=PANDA_ACCELERATIONS)
+    def make(replanner, jerk=None, **speeds):
+        limits = RateLimits.of(panda, acceleration=PANDA_ACCELERATIONS, jerk=jerk)
         return [time_path(way, panda, limits, motion=replanner.prover, **speeds) for way in (WAYS, WAYS[::-1])]
 
     return make

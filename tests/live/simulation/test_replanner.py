@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 import pytest
-from swinging import drive_replanner
+from swinging import JERKS, drive_replanner
 
 from safe_ompl import (
     Box,
@@ -56,6 +56,7 @@ class Attack(NamedTuple):
     contact: bool = False
     promised: float = 1.6
     limit: float | None = None  # of tool and links
+    jerk: list | None = None
 
     def run(self, replanner, trajectory, tracker):
         """Return the least distance while the robot moves, all touches, and the commands."""
@@ -103,6 +104,7 @@ ATTACKS = (
     Attack(0.8, (-0.9, 0.2, -0.9), limbs=("head", "torso", "right_forearm")),
     Attack(0.3, (1.25, -0.1, -0.9), limbs=ARM, contact=True),
     Attack(0.9, (1.25, 0.3, -0.9), limbs=ARM, contact=True),
+    Attack(0.3, (1.25, -0.1, -0.9), limbs=ARM, contact=True, jerk=JERKS[2]),
     Attack(0.4, (0.95, 0.0, -1.1), limbs=("head", "neck"), contact=True),
 )
 
@@ -114,7 +116,7 @@ def test_no_adversary_touches_a_robot_that_moves_but_where_that_is_borne(panda, 
     who = ({"anna": tracker}, {}) if attack.limbs else ({}, {"ball": attack.promised})
     replanner = Replanner(panda, Surroundings(table, *who, people))
     speeds = {} if attack.limit is None else {"tool_speed": attack.limit, "link_speed": 1.5 * attack.limit}
-    least, touches, commands = attack.run(replanner, to_and_fro(replanner, **speeds)[0], tracker)
+    least, touches, commands = attack.run(replanner, to_and_fro(replanner, attack.jerk, **speeds)[0], tracker)
     rules = {command.rule for command in commands}
     if attack.limbs != ARM:
         assert least > 0

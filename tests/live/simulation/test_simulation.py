@@ -89,6 +89,13 @@ def test_noise_drops_and_late_answers_touch_nobody_and_the_same_world_gives_the_
     assert one.summary.model_obeyed == pytest.approx(1.0)
 
 
+def test_a_person_who_is_faster_than_promised_is_counted(simulated):
+    summary = simulated("clip_1").run(2.0)
+    assert summary.violations > 10
+    assert summary.model_obeyed < 0.5  # in commands from before a violation too
+    assert summary.contacts_while_moving == 0
+
+
 def test_the_monitor_notes_contacts_once_and_whether_the_robot_moved(panda):
     monitor, q = ContactMonitor(panda), np.array([0, -0.4, 0, -2.0, 0, 2.0, 0.785])
     tip = panda.tip_pose(q).translation
