@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from edges import kept_within_limits
-from hypothesis import strategies as st
 from signing import claimed, signed, travelled
 
 from safe_ompl import CollisionChecker, DangerField, MotionProver, Obstacle, Scene, certificate, verify
@@ -21,9 +20,6 @@ from safe_ompl.certificates.verifier.danger import PlainDanger
 from safe_ompl.certificates.verifier.motion import RecordedPiece, derivatives
 from safe_ompl.certificates.verifier.verify import AskedTerms
 from safe_ompl.common import CertificateError, InputError, PlanningError
-
-ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
-seeds = st.integers(0, 2**32 - 1)
 
 
 @cache
@@ -145,6 +141,7 @@ def test_a_path_that_is_not_free_gets_none(ur5, clutter, plain_check):
 BALL = {"distance": 0.1, "obstacles": ["ball"]}
 MOVING = {"speeds": {"ball": 0.01}, "time": 0.1}
 UP = {"axis": [0, 0, 1], "direction": [0, 0, 1], "angle": 1.0}
+DANGER = {"bound": 9.0, "spacing": 0.1, "aggregate": "softmax", "weighting": "unit", "k1": 1.0, "sharpness": 10.0}
 MALFORMED = [
     ({"clearance": {**BALL, "distance": "0.1"}}, r"clearance\.distance: must be a finite number >= 0, got '0\.1'"),
     ({"clearance": {**BALL, "obstacles": ["ghost"]}}, "unknown obstacle 'ghost'"),
@@ -156,6 +153,17 @@ MALFORMED = [
     ({"moving_obstacles": {**MOVING, "speeds": {"ball": -1}}}, r"moving_obstacles\.speeds\.ball: "),
     ({"moving_obstacles": {**MOVING, "speeds": {"ghost": 1.0}}}, "unknown obstacle 'ghost'"),
     ({"moving_obstacles": {**MOVING, "speeds": ["ball"]}}, r"moving_obstacles\.speeds: must be a mapping"),
+    *(
+        ({"danger": {**DANGER, key: value}}, rf"danger.*{message}")
+        for key, value, message in [
+            ("bound", float("nan"), "must be a finite number"),
+            ("bound", "9.0", "must be a (finite|positive) number"),
+            ("k1", -1.0, "must be a positive number"),
+            ("sharpness", 0, "must be a positive number"),
+            ("aggregate", "least", "unknown aggregate 'least'"),
+            ("extra", 1, "unknown key"),
+        ]
+    ),
     ({"tool": {}}, r"tool\.orientation: must claim"),
     ({"tool": {"position": {}}}, r"tool\.position: must contain at least one axis"),
     ({"tool": {"position": {"x": [0, None]}}}, r"tool\.position\.x: must be a finite number"),
@@ -169,29 +177,12 @@ def test_claims_without_a_meaning_are_neither_verified_nor_issued(tampered, ur5,
     claimed(tampered).update(claim)
     with pytest.raises(InputError, match=message):
         verify(signed(tampered), ur5, clutter)
-    with pytest.raises(InputError, match=message):
-        certificate(path, ur5, clutter, claim)
+    if "danger" not in claim:  # of which a field says all
+        with pytest.raises(InputError, match=message):
+            certificate(path, ur5, clutter, claim)
 
 
 # ----------------------------------------------------------------------------------------------------- danger
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("bound", float("nan"), "must be a finite number"),
-        ("bound", "9.0", "must be a (finite|positive) number"),
-        ("k1", -1.0, "must be a positive number"),
-        ("sharpness", 0, "must be a positive number"),
-        ("aggregate", "least", "unknown aggregate 'least'"),
-        ("extra", 1, "unknown key"),
-    ],
-)
-def test_dangers_that_cannot_be_claimed(tampered, ur5, clutter, key, value, message):
-    usual = {"bound": 9.0, "spacing": 0.1, "aggregate": "softmax", "weighting": "unit"}
-    claimed(tampered)["danger"] = {**usual, "k1": 1.0, "sharpness": 10.0, key: value}
-    with pytest.raises(InputError, match=rf"danger.*{message}"):
-        verify(signed(tampered), ur5, clutter)
 
 
 def dangerous(scene, name="ball"):
@@ -253,7 +244,7 @@ def test_a_danger_of_another_kind_is_no_claim_of_this_one(ur5, clutter, path, op
 # ------------------------------------------- what verifies certificates runs no code of what plans, proves motions,
 
 
-PROVERS = ("collision", "danger", "planning", "paths", "trajectories", "certificates.issue")
+PROVERS = ("collision", "danger", "motions", "planning", "tasks", "live", "certificates.issue")
 LOADED = "import sys, {module}; print(*(name for name in sys.modules if name.startswith('safe_ompl.')))"
 
 

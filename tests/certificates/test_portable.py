@@ -187,7 +187,7 @@ def test_the_hash_covers_the_whole_recipe(carried, kind, change):
 
 
 def text_of(change):
-    """Return a change of the text of a carried URDF."""
+    """Return a change of the text of an embedded URDF."""
     return replaced("recipe", "urdf", "text", by=change)
 
 

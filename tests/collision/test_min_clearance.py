@@ -79,11 +79,18 @@ def test_people_by_default(crank):
 
 
 @pytest.mark.parametrize("bad", [-0.1, np.nan, np.inf, "0.1"])
-def test_the_distance_must_be_a_length(crank, bad):
-    with pytest.raises(InputError, match="min clearance: must be a finite length"):
-        near(CollisionChecker(crank, balls(a=0.9)), bad)
-    with pytest.raises(InputError, match="margin: must be a finite length"):
-        Separation(margin=bad)
+def test_what_is_kept_is_given_in_numbers(crank, bad):
+    checker = CollisionChecker(crank, balls(walker=0.9))
+    for make, message in (
+        (lambda: near(checker, bad), "min clearance: must be a finite length"),
+        (lambda: Separation(margin=bad), "margin: must be a finite length"),
+        (lambda: Separation(speeds={"walker": bad}, time=1.0), "speed of 'walker': must be a finite number"),
+        (lambda: Separation(speeds={"walker": 1.0}, time=bad), "time: must be a finite number of seconds"),
+        (lambda: MotionProver(checker, bad), "floor: must be a positive length"),
+        (lambda: MotionProver(checker, 0.0), "floor: must be a positive length"),
+    ):
+        with pytest.raises(InputError, match=message):
+            make()
 
 
 def test_a_separation_is_a_value(crank):
@@ -133,9 +140,3 @@ def test_obstacles_that_move_come_on_top_of_a_clearance(crank):
     assert proof(0.0, 9.0).is_free(START, END)
     with pytest.raises(UnknownNameError, match="unknown obstacle 'runner'; known: walker"):
         MotionProver(checker, separation=Separation(speeds={"runner": 1.0}, time=1.0))
-    for speed in (-1.0, np.nan, np.inf):
-        with pytest.raises(InputError, match="speed of 'walker': must be a finite number"):
-            proof(speed, 1.0)
-    for time in (-1.0, np.nan, np.inf, "1"):
-        with pytest.raises(InputError, match="time: must be a finite number of seconds"):
-            proof(1.0, time)

@@ -3,6 +3,7 @@
 import pickle
 import re
 from array import array as number_array
+from io import BytesIO
 from itertools import product
 from types import SimpleNamespace
 
@@ -82,18 +83,20 @@ def test_a_cloud_in_millimetres_is_told(caplog, factor, warns):
     assert all("points: half of 60 points" in text and "millimetres" in text for text in said)
 
 
-def write_ply(path, order):
-    """Write the points with a colour, of other types than each other; as text where there is no order of bytes."""
+def ply(order):
+    """Return a file of the points with a colour, of other types than each other; as text where bytes have no order."""
     table = np.zeros(len(POINTS), [("x", "f4"), ("red", "u1"), ("y", "f8"), ("z", "f4")])
     table["x"], table["y"], table["z"] = POINTS.T
     element = plyfile.PlyElement.describe(table, "vertex")
-    plyfile.PlyData([element], text=not order, byte_order=order or "=").write(path)
-    return path
+    file = BytesIO()
+    plyfile.PlyData([element], text=not order, byte_order=order or "=").write(file)
+    return file.getvalue()
 
 
 @pytest.mark.parametrize("form", ["", "<", ">"])
 def test_reads_ply(tmp_path, form):
-    cloud = PointCloud(0.01, write_ply(tmp_path / "cloud.ply", form))
+    (tmp_path / "cloud.ply").write_bytes(ply(form))
+    cloud = PointCloud(0.01, tmp_path / "cloud.ply")
     assert cloud.centres == pytest.approx(POINTS, abs=1e-6)
 
 
@@ -122,14 +125,6 @@ def test_reads_every_legal_ply(tmp_path):
     assert PointCloud(0.01, file).centres.tolist() == [[1, 2, 3]]
 
 
-@pytest.mark.parametrize("content", [b"", b"no ply", b"ply\nelement vertex 2\nend_header\n", None])
-def test_unreadable_ply_is_refused(tmp_path, content):
-    file = write_ply(tmp_path / "cloud.ply", "<")
-    file.write_bytes(file.read_bytes()[:-5] if content is None else content)
-    with pytest.raises(InputError, match="cannot be read as PLY"):
-        PointCloud(0.01, file)
-
-
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
@@ -148,13 +143,20 @@ def test_unreadable_ply_is_refused(tmp_path, content):
         ({"file": np.zeros(3)}, "shape (N, 3), got (3,)"),
         ({"file": np.zeros((0, 3))}, "empty"),
         ({"file": np.array([["a", "b", "c"]])}, "cannot be read as an array of numbers"),
+        *(
+            ({"file": content}, "cannot be read as PLY")
+            for content in (b"", b"no ply", b"ply\nelement vertex 2\nend_header\n", ply("<")[:-5])
+        ),
     ],
 )
 def test_unusable_clouds_are_refused(tmp_path, fields, message):
-    """An array is what a file holds."""
+    """An array, or bytes, is what a file holds."""
     if isinstance(fields.get("file"), np.ndarray):
         np.save(tmp_path / "bad.npy", fields["file"])
         fields = {"file": tmp_path / "bad.npy"}
+    elif isinstance(fields.get("file"), bytes):
+        (tmp_path / "bad.ply").write_bytes(fields["file"])
+        fields = {"file": tmp_path / "bad.ply"}
     with pytest.raises(InputError) as caught:
         PointCloud(**{"radius": 0.01, **fields})
     assert message in str(caught.value)

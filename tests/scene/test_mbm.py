@@ -68,18 +68,34 @@ def test_joints_are_matched_by_name(tmp_path):
         problem.start_configuration(arm)
 
 
+def changed(**change):
+    data = document()
+    data["problems"]["easy"][1].update(change)
+    return data
+
+
+FLAT, BARE = {"name": "a", "half_extents": [0, 1, 1], **PLACE}, {"name": "a"}
+
+
 @pytest.mark.parametrize(
     ("data", "message"),
     [
         ("{", "line 1: malformed JSON"),
         ("{}", "problems: missing, but needed"),
         ({"problems": {"a": 1}}, "problems.a: must be a list"),
+        (changed(start=[0]), "problems.easy[1].start: must be 2 numbers, got 1"),
+        (changed(goals=[]), "problems.easy[1].goals: must hold at least one goal"),
+        (changed(goals=[[0, float("nan")]]), "problems.easy[1].goals[0]: must be a finite number"),
+        (changed(index="one"), "problems.easy[1].index: must be a whole number"),
+        (changed(box=[FLAT]), "problems.easy[1].box[0].half_extents: must be a positive number, got 0"),
+        (changed(box=[BARE]), "problems.easy[1].box[0].position: missing"),
+        (changed(octree=[BARE]), "octree: obstacles of this kind are not supported; known: box, cylinder, sphere"),
     ],
 )
-def test_malformed_files_are_refused(tmp_path, data, message):
+def test_what_is_malformed_is_named_by_file_and_key(tmp_path, data, message):
     file = write(tmp_path, data)
     with pytest.raises(InputError) as caught:
-        MbmFile.load(file)
+        MbmFile.load(file).problem("easy", 1)
     assert str(caught.value).startswith(f"{file}: ")
     assert message in str(caught.value)
 
@@ -87,28 +103,3 @@ def test_malformed_files_are_refused(tmp_path, data, message):
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"cannot be read.*such files come from"):
         MbmFile.load(tmp_path / "no.json")
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"start": [0]}, "start: must be 2 numbers, got 1"),
-        ({"goals": []}, "goals: must hold at least one goal"),
-        ({"goals": [[0, float("nan")]]}, "goals[0]: must be a finite number"),
-        ({"index": "one"}, "index: must be a whole number"),
-        (
-            {"box": [{"name": "a", "half_extents": [0, 1, 1], **PLACE}]},
-            "box[0].half_extents: must be a positive number, got 0",
-        ),
-        ({"box": [{"name": "a"}]}, "box[0].position: missing"),
-        ({"octree": [{"name": "a"}]}, "octree: obstacles of this kind are not supported; known: box, cylinder, sphere"),
-    ],
-)
-def test_malformed_problems_name_file_and_key(tmp_path, change, message):
-    data = document()
-    data["problems"]["easy"][1].update(change)
-    file = write(tmp_path, data)
-    with pytest.raises(InputError) as caught:
-        MbmFile.load(file).problem("easy", 1)
-    assert str(caught.value).startswith(f"{file}: problems.easy[1].")
-    assert message in str(caught.value)
