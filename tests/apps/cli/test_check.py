@@ -339,6 +339,7 @@ NO_LOGS = [
     ("time,joint1", ("log.json",), "log.json: must be a log, with one of the endings .csv, .tsv, .txt, .npz"),
     ("time,joint1", (), "give logs, or both --commanded and --measured"),
     ("time,joint1", ("--measured", "log.csv"), "give logs, or both --commanded and --measured"),
+    ("time,joint1", ("log.csv", "--measured", "log.csv"), "give logs, or both --commanded and --measured"),
     ("time,joint1_commanded,joint1_measured", ("log.csv", "--factor", "0.5"), "factor: must be"),
     ("time,joint1_commanded,joint1_measured", ("log.csv", "--degrees"), "--degrees: needs the robot"),
 ]

@@ -376,6 +376,7 @@ def test_a_map_is_as_far_away_as_its_leaves(tmp_path):
     scene = scene_with_map(tmp_path, tree_bytes(cells, free))
     leaves = [(coal.Box(0.1, 0.1, 0.1), at(*(0.1 * (np.array(key) + 0.5)))) for key in cells]
     assert len(scene.obstacles) < len(leaves)  # neighbours are one
+    assert sum(np.prod(box.shape.size) for box in scene) == pytest.approx(0.1**3 * len(leaves))
     assert_same_distances(scene, leaves)
 
 
