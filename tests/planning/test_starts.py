@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-import safe_ompl
 from safe_ompl import PlanningError, SafeRRTConnect, Scenario
 from safe_ompl.common import in_order
 from safe_ompl.planning import setup_scenario
@@ -80,11 +79,6 @@ def test_starts_without_a_path_are_skipped_and_without_any_there_is_none(setup, 
     nothing = setup.plan(planner, seed=0, time=60.0, **options)
     assert (nothing.path, nothing.seed, nothing.ways, nothing.status) == (None, 0, (), "Timeout")
     assert not setup.haveSolutionPath()
-
-
-def test_a_scenario_takes_starts(alone):
-    result = safe_ompl.plan("planar3", "RRTConnect", seed=FIRST, starts=STARTS, workers=2)
-    np.testing.assert_array_equal(result.path, min(alone, key=lambda found: found[0])[1].path)
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -71,10 +71,9 @@ class StateCosts(ob.OptimizationObjective):
 
     def __init__(self, si, cost):
         super().__init__(si)
-        self._cost, self.asked = cost, 0
+        self._cost = cost
 
     def stateCost(self, state):
-        self.asked += 1
         return ob.Cost(self._cost(state))
 
     def motionCost(self, start, end):
@@ -384,27 +383,24 @@ def as_rows(*states):
     return [[q.x, q.y, q.z, q.w] for q in states]
 
 
-class Glare(ob.OptimizationObjective):
+def glare(state):
+    return float(np.exp(3 * towards_the_sun(as_rows(state)))[0])
+
+
+class Glare(StateCosts):
     """Grows as the sight nears the sun."""
+
+    def __init__(self, si):
+        super().__init__(si, glare)
 
     def values(self, Q):
         return np.exp(3 * towards_the_sun(Q))
-
-    def stateCost(self, state):
-        return ob.Cost(glare(state))
-
-    def motionCost(self, start, end):
-        return ob.Cost(0.0)
 
 
 class SlopedGlare(Glare):
     def values_and_gradients(self, Q):
         x, y, z, w = Q.T
         return self.values(Q), 6 * self.values(Q)[:, None] * np.stack([z, w, x, y], axis=1)
-
-
-def glare(state):
-    return float(np.exp(3 * towards_the_sun(as_rows(state)))[0])
 
 
 @pytest.mark.parametrize("objective", [Glare, SlopedGlare, partial(StateCosts, cost=glare)])

@@ -269,14 +269,16 @@ ONCE_LONGER = [
 
 
 @pytest.mark.parametrize(("family", "scenario"), ONCE_LONGER)
-def test_peaks_are_below_classical_ones_and_paths_hardly_longer(family, scenario):
+def test_dangers_are_below_classical_ones_and_paths_hardly_longer(family, scenario):
     setup = setup_scenario(scenario)
-    peaks, lengths = [], []
+    peaks, means, lengths = [], [], []
     for planner in (f"Safe{family}", f"Classic{family}"):
         reports = [setup.plan(planner, time=20.0, seed=seed).report for seed in range(5)]
         peaks.append(np.median([report.danger.max for report in reports]))
+        means.append(np.mean([report.danger.mean for report in reports]))
         lengths.append(np.median([report.length for report in reports]))
     assert peaks[0] < peaks[1]
+    assert means[0] < (0.7 if family == "JTRRT" and scenario == "ur5_handover" else 1.0) * means[1]
     assert lengths[0] < 1.3 * lengths[1]
 
 

@@ -16,7 +16,7 @@ def setup():
     return setup_scenario(Scenario.load("ur5_handover"))
 
 
-def with_a_detour(path, robot, begin):
+def with_a_detour(path, begin):
     """Return a path (N, n) whose way points from one on, for a third of the path, are moved aside."""
     found, third = path.copy(), len(path) // 3
     found[begin : begin + third, 5] += 0.8
@@ -26,7 +26,7 @@ def with_a_detour(path, robot, begin):
 def test_a_hybrid_takes_the_good_part_of_each_path(setup):
     cost, path = setup.simplifier.cost, setup.plan(seed=1, simplify=True).path
     path = np.concatenate([np.linspace(a, b, 4)[:-1] for a, b in pairwise(path)] + [path[-1:]])
-    paths = [with_a_detour(path, setup.robot, begin) for begin in (1, len(path) // 2)]
+    paths = [with_a_detour(path, begin) for begin in (1, len(path) // 2)]
     assert all(setup.is_free(each) for each in paths)
     found = hybrid(setup.simplifier, paths, never)
     assert setup.is_free(found)
@@ -38,6 +38,6 @@ def test_a_hybrid_takes_the_good_part_of_each_path(setup):
 
 def test_where_nothing_is_cheaper_or_time_is_up_the_first_path_stays(setup):
     path = setup.plan(seed=1, simplify=True).path
-    dear = with_a_detour(path, setup.robot, 1)
+    dear = with_a_detour(path, 1)
     np.testing.assert_array_equal(hybrid(setup.simplifier, [path], lambda: True), path)
     np.testing.assert_array_equal(hybrid(setup.simplifier, [dear, path], lambda: True), dear)

@@ -2,22 +2,20 @@
 
 from contextlib import suppress
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from ball import GOAL, IN_BALL, SCENE, START, never, setup_for
 
-from safe_ompl import CollisionChecker, DangerField, InputError, SafeSetup, Scene
+from safe_ompl import CollisionChecker, DangerField, InputError, SafeSetup, Scenario, Scene
 from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Sphere
 from safe_ompl.planning.simplification import PathReport, Simplifier, timed
 from safe_ompl.planning.simplification.cost import ObstacleCost
 from safe_ompl.planning.simplification.costs import bounded_step
 from safe_ompl.planning.simplification.edges import RETREAT_STEP, EdgeProofs, retreat
-from safe_ompl.robot import Robot, motion_limits
+from safe_ompl.robot import motion_limits
 
-PLANAR2 = Path(__file__).parents[3] / "scenarios" / "robots" / "planar2.urdf"
 GRASP = np.array([0.6, 0.5, 0.0, -1.8, 0.0, 2.3, 0.8])
 AWAY = GRASP * [-1, 1, 1, 1, 1, 1, 1] - [0, 0.3, 0, 0, 0, 0, 0]
 
@@ -30,7 +28,7 @@ def setup(ur5):
 
 @pytest.fixture(scope="module")
 def planar2():
-    return Robot.from_urdf(PLANAR2, tip="tip")
+    return Scenario.load("planar2").build_robot()
 
 
 @pytest.fixture(scope="module")
