@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from safe_ompl import InputError, People, Scene, Surroundings, Tracker
+from safe_ompl import InputError, Obstacle, People, Pose, Scene, Sphere, Surroundings, Tracker
 from safe_ompl.geometry import LIMBS, STANDING
 from safe_ompl.geometry.person import Body
 from safe_ompl.live import KEYPOINTS, TrackedBody, find_skeleton
@@ -174,3 +174,11 @@ def test_who_is_not_seen_for_longer_than_allowed_is_lost():
     around.update({"anna": standing()}, {}, 1.0)
     assert around.trouble(1.49, 0.5) is None
     assert around.trouble(1.51, 0.5) == "'anna' was not seen for 0.51 s"
+
+
+def test_an_object_may_have_moved_since_it_was_seen_last():
+    around = Surroundings(Scene([Obstacle("ball", Sphere(0.1))]), objects={"ball": 1.6})
+    for time, x, violated in ((0.0, 0.0, False), (0.4, None, False), (0.5, 0.8, False), (0.6, 1.0, True)):
+        seen = {} if x is None else {"ball": Pose((x, 0.0, 0.0))}
+        assert bool(around.update({}, seen, time)) == violated
+        assert around.sets.growth[0].tolist() == pytest.approx([0.64 if x is None else 0.0, 1.6])

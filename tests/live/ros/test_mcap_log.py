@@ -93,6 +93,8 @@ def test_joints_commands_and_diagnostics_are_those_of_the_ticks(log, recorded):
         assert float(values["distance"]) == pytest.approx(tick["distance"], rel=1e-5)
         assert status.message.startswith(tick["state"])
         assert (status.level == 0) == (tick["state"] in ("moving", "slowed", "done"))
+    (alarm,) = messages.diagnostics(7, "panda", {**ticks[0], "obeyed": False})["status"]
+    assert alarm["level"] == 2
     for tick, after in pairwise(ticks):  # the stop ends where the next tick begins at the soonest
         times = tick["stop"]["times"]
         assert times[0] == tick["time"] or tick is ticks[0]  # the first command holds a latency later
