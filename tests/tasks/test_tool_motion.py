@@ -7,7 +7,8 @@ import pinocchio as pin
 import pytest
 
 import safe_ompl
-from safe_ompl import Box, InputError, Motion, Obstacle, Pose, Robot, Scenario, Scene, inverse_kinematics
+from safe_ompl import Box, InputError, Motion, Obstacle, Pose, RateLimits, Robot, Scenario, Scene, inverse_kinematics
+from safe_ompl.motions import rate_violations
 from safe_ompl.robot import Tip
 from safe_ompl.tasks import Corridor, ToolPath, plan_tool, prove_corridor, tool_motion
 
@@ -123,7 +124,7 @@ def test_half_turns_are_errors_of_half_a_turn(free, axis):
         assert not found
         assert proof.outside
     assert proof.angle == pytest.approx(0.0 if free == axis else np.pi, abs=2e-8)
-    assert prove_corridor(standing, robot, path, Corridor(0.1, np.pi, free)), "no angle is more than half a turn"
+    assert prove_corridor(standing, robot, path, Corridor(0.1, np.pi, free)).proven, "no angle is more than half a turn"
 
 
 @pytest.mark.parametrize("axis", ["x", "z"])
@@ -146,6 +147,7 @@ def test_it_begins_where_the_arm_is(arm):
     start = inverse_kinematics(arm, at(0.4, -0.2, 0.4))
     found = tool_motion(path, arm, SCENE, start=start)
     assert not found or np.abs(arm.difference(found.motion.at(0.0), start)).max() < 1e-5
+    assert not found or not rate_violations(found.motion, arm, RateLimits.of(arm))
     for elsewhere in (start + 0.1, start + 0.1 * np.eye(arm.n)[-1]):  # the last joint only turns the tip
         with pytest.raises(InputError, match="from the beginning of the curve"):
             tool_motion(path, arm, SCENE, start=elsewhere)
@@ -178,10 +180,12 @@ def test_what_leaves_the_corridor_only_between_the_ends_is_seen(case):
     robot, (path, joint, powers, corridor) = Robot.from_example("panda"), ONLY_BETWEEN[case]
     coefficients = np.outer([*powers, 0.0], np.eye(robot.n)[joint])
     coefficients[0] += inverse_kinematics(robot, at(0.4, 0.0, 0.4))
-    proof = prove_corridor(Motion([0.0, path.length], coefficients[None], timed=False), robot, path, corridor)
+    motion = Motion([0.0, path.length], coefficients[None], timed=False)
+    proof = prove_corridor(motion, robot, path, corridor)
     assert proof.outside
     assert not proof.proven
     assert proof.at == pytest.approx(path.length / 2)
+    assert prove_corridor(motion, robot, path, Corridor(10.0, np.pi)).proven, "no angle is more than half a turn"
 
 
 WHY_NONE = [

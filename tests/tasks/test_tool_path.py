@@ -12,10 +12,12 @@ def pose(x, y, z, roll=0.0, pitch=0.0, yaw=0.0):
 
 
 START, VIA, END = pose(0.4, -0.2, 0.3), pose(0.5, 0.0, 0.4, 0.3), pose(0.4, 0.2, 0.3, 0.6, 0.2)
+FAR_VIA = np.array([0.9, 0.0, 0.5])
 PATHS = {
     "line": ToolPath.line(START, END),
     "turn": ToolPath.line(START, pose(0.4, -0.2, 0.3, 0.5)),
     "arc": ToolPath.arc(START, VIA, END),
+    "long arc": ToolPath.arc(START, FAR_VIA, END),
     "corners": ToolPath.polyline([START, VIA, END]),
     "blended": ToolPath.polyline([START, VIA, END], blend=0.04),
     "all blended": ToolPath.polyline([START, VIA, END], blend=1.0),
@@ -69,13 +71,14 @@ def test_bounds_hold(path):
 
 
 def test_paths_go_through_their_poses():
-    for name in ("line", "arc", "corners", "blended", "all blended"):
+    for name in ("line", "arc", "long arc", "corners", "blended", "all blended"):
         frames = PATHS[name].at(np.array([0.0, PATHS[name].length]))
         for k, wanted in enumerate((START, END)):
             np.testing.assert_allclose(frames.positions[k], wanted.translation, atol=1e-12)
             np.testing.assert_allclose(frames.rotations[k], wanted.rotation, atol=1e-12)
-    near = PATHS["arc"].at(np.linspace(0, PATHS["arc"].length, 20001)).positions - VIA.translation
-    assert np.linalg.norm(near, axis=1).min() < 1e-4
+    for name, via in (("arc", VIA.translation), ("long arc", FAR_VIA)):
+        near = PATHS[name].at(np.linspace(0, PATHS[name].length, 20001)).positions - via
+        assert np.linalg.norm(near, axis=1).min() < 1e-4
     spline = PATHS["spline"].at(PATHS["spline"].knots)
     np.testing.assert_allclose(spline.positions[1], VIA.translation, atol=1e-12)
     np.testing.assert_allclose(spline.rotations[1], VIA.rotation, atol=1e-12)
