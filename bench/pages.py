@@ -292,43 +292,6 @@ def region() -> None:
     save_picture(render_path(setup.robot, scene, result.path, size=SIZE), OUT / "goals.png")
 
 
-LAYERS = (
-    ("commands", "apps/cli · apps/benchmark · drawing", "command line, benchmarks, browser, pictures and plots"),
-    (
-        "files and people",
-        "tasks · io · certificates · live/…",
-        "tool motions, programs; files and certificates; robots beside people",
-    ),
-    (
-        "planning",
-        "planning · planning/planners · planning/simplification · planning/ompl",
-        "SafeSetup, planners, reports and simplification, OMPL’s plug-ins",
-    ),
-    ("motion", "motions", "proofs of motions, repair, time laws with stops"),
-    ("queries, proofs", "collision · danger", "collision and distance on coal, certified motions, the danger field"),
-    ("models", "robot · scene", "robots on Pinocchio, obstacles, goals, scenarios"),
-    ("base", "common · geometry", "checks, errors, documents; shapes and convex distances"),
-)
-
-
-def architecture() -> None:
-    """Draw the layers of the package."""
-    figure = Figure(figsize=(8.0, 4.5), dpi=110)
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set(xlim=(0, 10), ylim=(-0.15, len(LAYERS) + 0.1))
-    axes.axis("off")
-    for k, (name, packages, words) in enumerate(reversed(LAYERS)):
-        axes.barh(k + 0.45, 9.3, left=0.35, height=0.82, color="#0b62b4", alpha=0.10 + 0.05 * k)
-        axes.text(0.55, k + 0.45, name, weight="bold", va="center", fontsize=11)
-        axes.text(2.65, k + 0.62, packages, va="center", fontsize=10.5)
-        axes.text(2.65, k + 0.27, words, va="center", fontsize=8.5, color="0.35")
-    axes.annotate(
-        "", (9.4, 0.2), (9.4, len(LAYERS) - 0.3), arrowprops={"arrowstyle": "->", "color": "0.3", "linewidth": 1.4}
-    )
-    axes.text(9.3, 0.5 * len(LAYERS), "imports", rotation=90, va="center", ha="right", fontsize=9, color="0.3")
-    FigureCanvasAgg(figure).print_png(OUT / "architecture.png")
-
-
 def save_strip(images: list, words: list, file: Path) -> None:
     """Save pictures side by side, with words above each."""
     height, width = images[0].shape[:2]
@@ -344,7 +307,7 @@ PICTURES = {
     draw.__name__: draw
     for draw in (
         *(own_robot, simplification, danger, free_bubbles, scenes),
-        *(people_and_time, a_drive, viewer, robots, region, architecture),
+        *(people_and_time, a_drive, viewer, robots, region),
     )
 }
 
