@@ -12,6 +12,7 @@ import ast
 import importlib
 import json
 import logging
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -154,8 +155,9 @@ class Report:
 
 
 def said(cell: object) -> str:
-    """Return a cell of a table as text."""
-    return f"{cell:.3g}" if isinstance(cell, (float, np.floating)) else str(cell)
+    """Return a cell of a table as text, with large numbers in full."""
+    text = f"{cell:.3g}" if isinstance(cell, (float, np.floating)) else str(cell)
+    return re.sub(r"\d[\d.]*e\+\d+", lambda number: f"{float(number[0]):.0f}", text)
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

@@ -48,7 +48,7 @@ SMALL = {
     "motion": "--edges 2 --rounds 2",
     "motions": "--number 12 --splines 1 --tubes 6 --repairs 1",
     "mutations": "--number 2",
-    "pages": "danger free_bubbles architecture",
+    "pages": "danger free_bubbles",
     "peers": None,  # tests/bench/test_bench_peers.py
     "physics": "--motions 1 --drives 1 --seconds 0.5",
     "planners": "planar2 random {files}/problems.json --problems 0:1 --families RRTConnect --pairs ours crossed",
@@ -163,6 +163,12 @@ def test_every_bench_is_measured_for_the_pages():
     assert {name for name, *_ in commands} == set(names()) - {"all", "fresh", "pages", "same"}
     for name, *words in commands:
         _harness.parser_of(name).parse_args(words)
+
+
+def test_all_that_the_page_lists_was_measured_with_its_command_without_a_failure():
+    found = every.read(every.KEPT)
+    made = {name: (found[name]["command"], found[name]["failed"]) for name in every.listed() if name in found}
+    assert made == {name: (each.shown, False) for name, each in every.listed().items()}
 
 
 @IN_GIT
