@@ -73,7 +73,7 @@ def recipe(spec: RobotSpec) -> dict[str, Any]:
         found["robots"] = {prefix: recipe(robot) for prefix, robot in spec.robots.items()}
         found |= {"name": spec.name or "cell", "tip": spec.tip or next(iter(spec.robots))}
     else:
-        found |= {file: _carried_text(getattr(spec, file)) for file in _FILES}
+        found |= {file: _embedded_text(getattr(spec, file)) for file in _FILES}
         if "text" in found["urdf"]:
             found["urdf"]["text"] = spec.urdf_file().text()
         srdf = spec.srdf_file()
@@ -81,12 +81,12 @@ def recipe(spec: RobotSpec) -> dict[str, Any]:
             found["srdf"]["text"] = srdf.text()
     if spec.attached:
         found["attached"] = content["attached"]
-        found["files"] = schema.carried_objects(found["attached"])
+        found["files"] = schema.embedded_objects(found["attached"])
         found["attached"] = schema.as_plain(found["attached"])
     return found
 
 
-def _carried_text(path: Path | None) -> Any:
+def _embedded_text(path: Path | None) -> Any:
     if path is None:
         return None
     examples = schema.examples_folder()
@@ -95,7 +95,7 @@ def _carried_text(path: Path | None) -> Any:
     try:
         return {"name": path.name, "text": path.read_text(encoding="utf-8")}
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be carried in a document ({error})", str(path)) from None
+        raise InputError(f"cannot be embedded in a document ({error})", str(path)) from None
 
 
 def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
@@ -105,10 +105,10 @@ def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
     most `SMALL` characters, then visual meshes if both together do. A warning is logged if collision meshes are left
     out because of their size.
     """
-    carried = embedded_robot(robot)
-    if meshes is False or carried["recipe"] is None:
-        return carried
-    sources = [pair for pair in _sources(robot.spec.resolved(), carried["recipe"]) if "text" in pair[1]]
+    embedded = embedded_robot(robot)
+    if meshes is False or embedded["recipe"] is None:
+        return embedded
+    sources = [pair for pair in _sources(robot.spec.resolved(), embedded["recipe"]) if "text" in pair[1]]
     names: dict[Path, str] = {}
     content: dict[str, str] = {}
     meant: list[dict[str, Path]] = [{} for _ in sources]
@@ -132,7 +132,7 @@ def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
         meant = [{**before, **named} for before, named in zip(meant, found, strict=True)]
     for (urdf, text), named in zip(sources, meant, strict=True):
         text["text"] = urdf.text({name: f"package://{_PACKAGE}/{names[path]}" for name, path in named.items()})
-    return {**carried, "meshes": content} if content else carried
+    return {**embedded, "meshes": content} if content else embedded
 
 
 def _sources(spec: RobotSpec, recipe: Mapping[str, Any]) -> Iterator[tuple[UrdfFile, dict[str, str]]]:
@@ -186,32 +186,32 @@ class RobotDocument(Section):
     hash: str = key(document.sha)
     links_without_collision: tuple[str, ...] = key(document.list_of, read=document.line)
     recipe: Mapping[str, Any] | None = key(document.mapping, default=None)
-    meshes: Mapping[str, str] = key(schema.carried_files, factory=dict)
+    meshes: Mapping[str, str] = key(schema.embedded_files, factory=dict)
 
 
-def built_robot(carried: Any, *, package_dirs: Sequence[PackageDir] = ()) -> Robot:
+def built_robot(embedded: Any, *, package_dirs: Sequence[PackageDir] = ()) -> Robot:
     """Build a robot from the recipe in a document. The hash is not compared here, but by the verification.
 
     Meshes are only looked for in `package_dirs`, in the document, and in example-robot-data. Raises InputError if the
     robot cannot be built.
     """
-    carried = document.section("carried", carried, RobotDocument)
-    if carried.recipe is None:
+    embedded = document.section("embedded", embedded, RobotDocument)
+    if embedded.recipe is None:
         raise InputError(
-            f"the file does not contain its robot {carried.name!r}: give the scenario, or the robot in Python"
+            f"the file does not contain its robot {embedded.name!r}: give the scenario, or the robot in Python"
         )
     with TemporaryDirectory(prefix="safe-ompl-") as folder:
         try:
             folders = [read_package_dir("package_dirs", entry) for entry in package_dirs]
-            if carried.meshes:
+            if embedded.meshes:
                 place = Path(folder) / _PACKAGE
                 place.mkdir()
-                schema.unpack(carried.meshes, place)
+                schema.unpack(embedded.meshes, place)
                 folders.append(Path(folder))
             numbers = (Path(folder) / str(k) for k in count(1))
-            spec = _spec("recipe", carried.recipe, numbers, folders)
-            robot = _built(spec, carried.name, folder, given=bool(package_dirs))
-            if carried.meshes:
+            spec = _spec("recipe", embedded.recipe, numbers, folders)
+            robot = _built(spec, embedded.name, folder, given=bool(package_dirs))
+            if embedded.meshes:
                 robot.visual_model  # noqa: B018  # temporary folder
             return robot
         except (*files.MALFORMED, OSError) as error:
@@ -232,7 +232,7 @@ def _built(spec: RobotSpec, name: str, folder: str, *, given: bool) -> Robot:
         if given:
             raise
         raise InputError(
-            f"the robot {name!r} cannot be built from what is carried; meshes are not: give the "
+            f"the robot {name!r} cannot be built from what the document contains; meshes are not in it: give the "
             f"folder above its packages ({re.sub(re.escape(folder) + r'/([0-9]+/)?', '', str(error))})"
         ) from None
 
@@ -243,8 +243,8 @@ def _spec(key: str, recipe: Any, folders: Iterator[Path], package_dirs: Sequence
     folder = next(folders)
     folder.mkdir()
     with document.within(key):
-        schema.unpack(schema.carried_files("files", files := given.pop("files", {})), folder)
-        schema.check_carried("attached", given.get("attached", ()), files)
+        schema.unpack(schema.embedded_files("files", files := given.pop("files", {})), folder)
+        schema.check_embedded("attached", given.get("attached", ()), files)
         if robots := document.mapping("robots", given.get("robots", {})):
             given["robots"] = {k: _spec(f"robots.{k}", part, folders, package_dirs) for k, part in robots.items()}
             return RobotSpec.from_mapping(given, folder)
@@ -279,41 +279,41 @@ class SceneDocument(Section):
 
     hash: str = key(document.sha)
     content: Mapping[str, Any] = key(document.plain)
-    files: Mapping[str, str] = key(schema.carried_files, factory=dict)
+    files: Mapping[str, str] = key(schema.embedded_files, factory=dict)
 
     def check(self) -> None:
         content = document.mapping("content", self.content)
         with document.within("content"):
-            schema.check_carried("obstacles", content.get("obstacles", ()), self.files)
+            schema.check_embedded("obstacles", content.get("obstacles", ()), self.files)
 
 
 def embedded_scene(scene: Scene) -> dict[str, Any]:
     """Return a scene as plain data. Raise InputError if one of its files is gone or has changed since it was read."""
     content = scene.to_mapping()
-    files = schema.carried_objects(content.get("obstacles", []))
-    carried = {"hash": scene.content_hash(), "content": content, "files": files}
+    files = schema.embedded_objects(content.get("obstacles", []))
+    embedded = {"hash": scene.content_hash(), "content": content, "files": files}
     try:
         if files:
-            built_scene(carried)
+            built_scene(embedded)
     except CertificateError:
         raise InputError(
             "a mesh or point file of the scene has changed since it was read: read the scene anew"
         ) from None
-    return carried
+    return embedded
 
 
-def built_scene(carried: Any) -> Scene:
+def built_scene(embedded: Any) -> Scene:
     """Build a scene from a document. Raise InputError if the document is invalid, CertificateError if hashes differ."""
-    carried = document.section("carried", carried, SceneDocument)
+    embedded = document.section("embedded", embedded, SceneDocument)
     with TemporaryDirectory(prefix="safe-ompl-") as folder:
-        schema.unpack(carried.files, Path(folder))
+        schema.unpack(embedded.files, Path(folder))
         try:
-            scene = Scene.from_mapping(carried.content, Path(folder))
+            scene = Scene.from_mapping(embedded.content, Path(folder))
         except InputError as error:
             raise InputError(str(error).replace(f"{folder}/", "")) from None
         except MemoryError:
             raise InputError("a file needs more memory than the machine has", "files") from None
-    if scene.content_hash() != carried.hash:
+    if scene.content_hash() != embedded.hash:
         raise CertificateError("the scene that it carries is not the one that it was written for")
     return scene
 
@@ -339,10 +339,10 @@ class EmbeddedProblem(NamedTuple):
     ) -> EmbeddedProblem:
         """Read a problem from a document. Without `robot` the robot is built from its recipe. Errors as of `load`."""
         with document.within("problem"):
-            carried = document.mapping("carried", data)
+            embedded = document.mapping("embedded", data)
             if robot is None:
                 with document.within("robot", ": "):
-                    robot = built_robot(document.require(carried, "robot"), package_dirs=package_dirs)
+                    robot = built_robot(document.require(embedded, "robot"), package_dirs=package_dirs)
             with document.within("scene"):
-                scene = built_scene(document.require(carried, "scene"))
-        return cls(robot, scene, carried.get("danger"))
+                scene = built_scene(document.require(embedded, "scene"))
+        return cls(robot, scene, embedded.get("danger"))

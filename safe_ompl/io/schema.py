@@ -105,10 +105,10 @@ def packed(path: Path) -> str:
     try:
         return b64encode(zlib.compress(path.read_bytes())).decode("ascii")
     except OSError as error:
-        raise InputError(f"cannot be carried in a document ({error.strerror})", str(path)) from None
+        raise InputError(f"cannot be embedded in a document ({error.strerror})", str(path)) from None
 
 
-def carried_files(key: str, value: Any) -> dict[str, str]:
+def embedded_files(key: str, value: Any) -> dict[str, str]:
     """Read a mapping of file names to packed files. Raise InputError for names with folders, or too much data."""
     given = document.mapping(key, value)
     with document.within(key):
@@ -122,7 +122,7 @@ def carried_files(key: str, value: Any) -> dict[str, str]:
     return files
 
 
-def carried_objects(items: list[dict[str, Any]]) -> dict[str, str]:
+def embedded_objects(items: list[dict[str, Any]]) -> dict[str, str]:
     """Return the packed files that obstacles or attached objects name, and replace the names in `items` by their keys.
 
     `items` is modified in place.
@@ -138,16 +138,16 @@ def carried_objects(items: list[dict[str, Any]]) -> dict[str, str]:
     return files
 
 
-def check_carried(key: str, items: Any, files: Mapping[str, str]) -> None:
+def check_embedded(key: str, items: Any, files: Mapping[str, str]) -> None:
     """Raise InputError unless `items` is a list of objects, and `files` contains every file that the objects name."""
     for k, item in enumerate(document.sequence(key, items)):
         for part, value in document.mapping(f"{key}[{k}]", item).items():
             if isinstance(value, dict) and "file" in value and value["file"] not in files:
-                raise InputError(f"the file {value['file']!r} is not carried", f"{key}[{k}].{part}.file")
+                raise InputError(f"the file {value['file']!r} is not embedded", f"{key}[{k}].{part}.file")
 
 
 def unpack(files: Mapping[str, str], folder: Path) -> None:
-    """Decompress files into a folder. `carried_files` has refused names that lead out of the folder.
+    """Decompress files into a folder. `embedded_files` has refused names that lead out of the folder.
 
     Raises InputError if a file is damaged, or all files together are larger than `_MOST_BYTES`.
     """

@@ -70,7 +70,7 @@ def test_a_scene_of_all_kinds_travels_without_its_files(everything, files):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"files": {}}, r"obstacles\[6\].pointcloud.file: the file '0.npy' is not carried"),
+        ({"files": {}}, r"obstacles\[6\].pointcloud.file: the file '0.npy' is not embedded"),
         ({"files": {"0.npy": "?", "1.obj": "AA==", "2.obj": "AA=="}}, "0.npy: is not a compressed file in base 64"),
         ({"files": {"0.npy": 3}}, "0.npy: must be text"),
         ({"files": {"../0.npy": "AA=="}}, NO_NAME),
@@ -106,7 +106,7 @@ def test_a_file_that_has_changed_or_gone_is_not_carried(everything, files):
     with pytest.raises(InputError, match="has changed since it was read"):
         embedded_scene(everything)
     (files / "points.npy").unlink()
-    with pytest.raises(InputError, match=r"points.npy: cannot be carried in a document \(No such file"):
+    with pytest.raises(InputError, match=r"points.npy: cannot be embedded in a document \(No such file"):
         embedded_scene(everything)
 
 
@@ -200,7 +200,7 @@ NOT_BUILT = [
     ("on a base", lambda c: c["recipe"].update(urdf=None), r"recipe\.urdf: missing: give either urdf or robots"),
     ("on a base", lambda c: c["recipe"].update(of=4), r"recipe\.of: unknown key"),
     ("on a mobile base", lambda c: c["recipe"].update(base=3), r"recipe\.base"),
-    ("with a mesh", lambda c: c["recipe"].update(files={}), r"mesh\.file: the file '0.obj' is not carried"),
+    ("with a mesh", lambda c: c["recipe"].update(files={}), r"mesh\.file: the file '0.obj' is not embedded"),
     ("with a mesh", lambda c: c["recipe"].update(files={"../a": ""}), r"files\.'\.\./a': is not the name of a file"),
     ("in a cell", lambda c: c["recipe"].update(tip="c"), "unknown robot with the tip 'c'; known: a, b"),
     ("in a cell", lambda c: c["recipe"].update(robots={"a": {}, "b": {}}), r"recipe\.robots\.a\.urdf: missing"),
@@ -289,7 +289,7 @@ def arm_with_mesh(name):
 )
 def test_a_carried_urdf_reads_no_mesh_that_it_names_where_it_likes(files, name):
     carried = arm_with_mesh(name.format(files))
-    with pytest.raises(InputError, match=r"cannot be built from what is carried; .*wedge\.obj' not found"):
+    with pytest.raises(InputError, match=r"cannot be built from what the document contains; .*wedge\.obj' not found"):
         built_robot(carried)
     if name.startswith(("{}", "file")):
         assert built_robot(carried, package_dirs=[files]) is not None, "the user names the folder"
