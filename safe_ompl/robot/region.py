@@ -42,7 +42,7 @@ def _bounds(key: str, given: Any) -> Bounds:
 
 @dataclass(frozen=True)
 class GoalRegion(Section):
-    """A task space region: bounds on position and orientation of the tip, in the frame of the region [1]_.
+    """A task space region: bounds on position and orientation of the tip, in the frame of the region [1].
 
     Each bound is a pair (low, high), or one number for a fixed value. The position is bounded by x, y and z, or by
     radius and z: a ring, a disc or a tube about the z axis of the frame. A coordinate that is not given is 0. An angle
@@ -67,7 +67,7 @@ class GoalRegion(Section):
 
     References
     ----------
-    .. [1] D. Berenson, S. Srinivasa, J. Kuffner: Task space regions: a framework for pose-constrained manipulation
+    1. D. Berenson, S. Srinivasa, J. Kuffner: Task space regions: a framework for pose-constrained manipulation
        planning. International Journal of Robotics Research, 2011.
 
     Examples

@@ -82,9 +82,9 @@ class BubblePlanner(SafePlanner):
 
     References
     ----------
-    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.1.
-    .. [2] B. Lacevic, P. Rocco: Sampling-based safe path planning for robotic manipulators. ETFA 2010.
-    .. [3] S. Quinlan: Real-time modification of collision-free paths. PhD thesis, Stanford 1994.
+    1. B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.1.
+    2. B. Lacevic, P. Rocco: Sampling-based safe path planning for robotic manipulators. ETFA 2010.
+    3. S. Quinlan: Real-time modification of collision-free paths. PhD thesis, Stanford 1994.
 
     Examples
     --------

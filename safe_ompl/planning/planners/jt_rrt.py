@@ -103,8 +103,8 @@ class SafeJTRRT(SafePlanner):
 
     References
     ----------
-    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.3.
-    .. [2] M. Vande Weghe, D. Ferguson, S. Srinivasa: Randomized path planning for redundant manipulators
+    1. B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.3.
+    2. M. Vande Weghe, D. Ferguson, S. Srinivasa: Randomized path planning for redundant manipulators
        without inverse kinematics. Humanoids 2007.
 
     Examples

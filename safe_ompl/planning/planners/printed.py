@@ -80,8 +80,8 @@ class PaperSafeRRTConnect(SafePlanner):
 
     References
     ----------
-    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
-    .. [2] J. Kuffner, S. LaValle: RRT-Connect. ICRA 2000.
+    1. B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
+    2. J. Kuffner, S. LaValle: RRT-Connect. ICRA 2000.
     """
 
     alpha = Parameter(1.0)
@@ -137,7 +137,7 @@ class PaperSafePRM(SafePlanner):
 
     References
     ----------
-    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
+    1. B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
     """
 
     alpha = Parameter(5.0)
@@ -225,8 +225,8 @@ class PaperSafeJTRRT(SafePlanner):
 
     References
     ----------
-    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
-    .. [2] M. Vande Weghe, D. Ferguson, S. Srinivasa: Randomized path planning for redundant manipulators
+    1. B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
+    2. M. Vande Weghe, D. Ferguson, S. Srinivasa: Randomized path planning for redundant manipulators
        without inverse kinematics. Humanoids 2007.
     """
 
@@ -347,7 +347,7 @@ class PaperSafeBubble(SafePlanner):
 
     References
     ----------
-    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
+    1. B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
     """
 
     alpha = Parameter(1.0)

@@ -103,9 +103,9 @@ class SafePRM(SafePlanner):
 
     References
     ----------
-    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.2.
-    .. [2] R. Bohlin, L. Kavraki: Path planning using lazy PRM. ICRA 2000.
-    .. [3] B. Cohen, M. Phillips, M. Likhachev: Planning single-arm manipulations with n-arm robots (lazy A*).
+    1. B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.2.
+    2. R. Bohlin, L. Kavraki: Path planning using lazy PRM. ICRA 2000.
+    3. B. Cohen, M. Phillips, M. Likhachev: Planning single-arm manipulations with n-arm robots (lazy A*).
        RSS 2014.
 
     Examples

@@ -60,9 +60,9 @@ class SafeRRTConnect(SafePlanner):
 
     References
     ----------
-    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.4.
-    .. [2] J. Kuffner, S. LaValle: RRT-Connect. ICRA 2000.
-    .. [3] S. LaValle: Planning Algorithms. Cambridge University Press, 2006.
+    1. B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.4.
+    2. J. Kuffner, S. LaValle: RRT-Connect. ICRA 2000.
+    3. S. LaValle: Planning Algorithms. Cambridge University Press, 2006.
 
     Examples
     --------
