@@ -1,5 +1,7 @@
 """The bridge between OMPL states and arrays: round trips, wrapping, bounds, and spaces that it refuses."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -51,6 +53,15 @@ def test_the_space_of_a_robot(robot_named, rng, name):
         np.testing.assert_allclose(bridge.difference(q1, q2), robot.difference(q1, q2), atol=1e-12)
     with pytest.raises(ValueError, match="broadcast"):
         first.set(np.zeros(robot.n - 1))
+
+
+def test_each_thread_has_a_scratch_state_of_its_own():
+    bridge = StateBridge(real_vector((-1.0, 1.0)))
+    scratch = ScratchState(bridge)
+    mine = scratch.set(np.array([0.5]))
+    with ThreadPoolExecutor(1) as other:
+        other.submit(scratch.set, np.array([-0.5])).result()
+    assert bridge.read(mine) == 0.5
 
 
 @given(angles, angles)

@@ -156,6 +156,8 @@ def test_it_begins_where_the_arm_is(arm):
 ASIDE = [
     pin.SE3(pin.utils.rotate("z", a) @ DOWN, np.array([0.4 * np.cos(a), 0.4 * np.sin(a), 0.4])) for a in (-0.3, 0.3)
 ]
+# While the tip turns to the left about z, the curve turns to the right, past the opposite orientation.
+APART = [pin.SE3(pin.utils.rotate("z", -a) @ DOWN, np.array([0.4 + 0.001 * a, 0.0, 0.4])) for a in (1.0, np.pi)]
 # Between these poses the x axes of curve and tip are nearly opposite half-way, and farther from that at both ends. The
 # rates of their angle at the ends do not show it, because the axis turns with the tip. Found by a random search.
 FIRST = pin.utils.rotate("z", -2.456) @ pin.utils.rotate("y", -1.02)
@@ -178,6 +180,7 @@ ONLY_BETWEEN = {
         Corridor(10.0, 0.5),
     ),
     "a joint turns steadily": (ToolPath.line(*ASIDE), 0, [-0.3, 0.6], Corridor(0.01, 0.5)),
+    "tip and curve turn apart": (ToolPath.line(*APART), 0, [0.0, np.pi - 1.0], Corridor(10.0, 2.5)),
     "a free axis turns with the tip": (ToolPath.line(*TURNED), 0, [0.0, 2.145], Corridor(10.0, 2.98, free_axis="x")),
 }
 
