@@ -389,7 +389,8 @@ def in_time(
     """Return the motion along a curve as a function of time, and the speed [m/s] between its ramps.
 
     Between stops s has a constant speed within the joints' limits, with smooth ramps s = v T (τ³ − τ⁴/2) at both ends.
-    Cubic pieces in s become polynomials of degree 12 in time. If a limit is exceeded, the whole motion is slowed down.
+    Cubic pieces in s become polynomials of degree 12 in time. The ramps do not consider limits of the jerk: if a limit
+    is exceeded, the whole motion is slowed down.
     """
     rate, curvature = (np.abs(along.derivative_coefficients(order)).sum(axis=1).max(axis=0) for order in (1, 2))
     with np.errstate(divide="ignore"):
@@ -407,10 +408,15 @@ def in_time(
     filled = np.array([np.vstack([piece, np.zeros((size - len(piece), along.n))]) for piece in coefficients])
     rounding = 64 * np.finfo(np.float64).eps * np.abs(filled).sum(axis=1)
     motion, slower = Motion(np.array(times), filled, along.joint_names, rounding=rounding), 1.0
-    while broken := rate_violations(motion, robot, limits):
-        over = [abs(found.value or 0.0) / found.limit for found in broken if found.limit]
-        slower *= max(over) * _EXTRA_SLOWDOWN
-        motion = replace(motion, times=motion.times * max(over) * _EXTRA_SLOWDOWN)
+    orders = {kind: order for order, kind in enumerate(limits.kinds, start=1)}
+    # A motion that takes x times as long has derivatives of order k that are divided by x^k.
+    while factors := [
+        (abs(found.value or 0.0) / found.limit) ** (1 / orders[found.kind])
+        for found in rate_violations(motion, robot, limits)
+        if found.kind in orders and found.limit
+    ]:
+        slower *= max(factors) * _EXTRA_SLOWDOWN
+        motion = replace(motion, times=motion.times * max(factors) * _EXTRA_SLOWDOWN)
     return motion, v / slower
 
 

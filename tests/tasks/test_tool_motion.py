@@ -153,6 +153,16 @@ def test_it_begins_where_the_arm_is(arm):
             tool_motion(path, arm, SCENE, start=elsewhere)
 
 
+def jerk_limits(robot, jerk):
+    return RateLimits.of(robot, acceleration=[8.0] * robot.n, jerk=[jerk] * robot.n)
+
+
+def test_a_limit_of_the_jerk_slows_a_motion_down_by_no_more_than_it_must(arm):
+    motion = tool_motion(PATHS["line"], arm, SCENE, limits=jerk_limits(arm, 2.0)).motion
+    assert not rate_violations(motion, arm, jerk_limits(arm, 2.0))
+    assert rate_violations(motion, arm, jerk_limits(arm, 1.98))
+
+
 ASIDE = [
     pin.SE3(pin.utils.rotate("z", a) @ DOWN, np.array([0.4 * np.cos(a), 0.4 * np.sin(a), 0.4])) for a in (-0.3, 0.3)
 ]
