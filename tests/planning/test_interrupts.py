@@ -28,13 +28,17 @@ PROGRAM = Path(__file__).parent / "programs" / "interrupted.py"
 
 
 class CtrlC:
-    """Presses Ctrl-C at the k-th call of a function of the package, and notes how often the clock was read before."""
+    """Presses Ctrl-C at the k-th call of a function of the package, and notes how often the clock was read before.
+
+    Calls of `__del__` do not count, since Python discards what these raise.
+    """
 
     def __init__(self, k, ticks):
         self.left, self.ticks, self.looks = k, ticks, -1
 
     def __call__(self, frame, event, argument):
-        if event == "call" and frame.f_code.co_filename.startswith(PACKAGE):
+        code = frame.f_code
+        if event == "call" and code.co_name != "__del__" and code.co_filename.startswith(PACKAGE):
             self.left -= 1
             if self.left == 0:
                 sys.setprofile(None)

@@ -33,14 +33,18 @@ def limits(panda):
 
 
 def core_distances(bodies, q, places):
-    """Return distances (G, M) of hulls from points: the nearest convex combination of the vertices."""
+    """Return distances (G, M) of hulls from points: of the nearest convex combinations of the vertices.
+
+    The x ≥ 0 that minimise ‖V x‖² + (1ᵀx − 1)², for vertices V as seen from a point, are weights of the nearest
+    combination but for a factor. A large weight of the sum instead makes results depend on SciPy's version.
+    """
     frames = bodies.frames(q[None])
     found = np.empty((len(bodies.links), len(places)))
     for g in range(len(bodies.links)):
-        own = bodies.vertices(g, frames)[0]
-        sums = 1e3 * np.ones(len(own))
         for m, place in enumerate(places):
-            found[g, m] = nnls(np.vstack([own.T, sums]), np.append(place, 1e3))[1]
+            seen = (bodies.vertices(g, frames)[0] - place).T
+            weights = nnls(np.vstack([seen, np.ones(seen.shape[1])]), [0.0, 0.0, 0.0, 1.0])[0]
+            found[g, m] = np.linalg.norm(seen @ weights) / weights.sum()
     return found
 
 

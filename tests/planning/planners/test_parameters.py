@@ -91,7 +91,7 @@ def entry(key, declared):
         kind += f" >= {declared.at_least:g}" if declared.above is None else f" > {declared.above:g}"
         kind += "" if declared.at_most is None else f", <= {declared.at_most:g}"
     default = "1 / 3" if declared.default == 1 / 3 else repr(declared.default)
-    return f"    {key} : {kind}, default {default}"
+    return f"{key} : {kind}, default {default}"
 
 
 @pytest.mark.parametrize("name", [*OURS, *PRINTED])
@@ -100,7 +100,7 @@ def test_every_parameter_is_described_as_it_is_and_has_ompls_methods(si, name):
     assert inspect.getmro(type(planner)).index(ob.Planner) <= 2, "parts instead of parents"
     for key, declared in parameters_of(type(planner)).items():
         owner = SafePlanner if key == "range" else type(planner)
-        assert re.search(rf"^{re.escape(entry(key, declared))}( \[\w+\])?$", owner.__doc__, re.MULTILINE)
+        assert re.search(rf"^{re.escape(entry(key, declared))}( \[\w+\])?$", inspect.getdoc(owner), re.MULTILINE)
         before = declared.default
         value = {bool: not before, int: before + 1, float: before / 2 + 0.25}[type(before)]
         getattr(planner, f"set{camel_case(key)}")(value)
