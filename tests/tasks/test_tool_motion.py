@@ -197,7 +197,7 @@ ONLY_BETWEEN = {
 
 @pytest.mark.parametrize("case", ONLY_BETWEEN)
 def test_what_leaves_the_corridor_only_between_the_ends_is_seen(case):
-    """At both ends the tip is where it ought to be: only bounds of accelerations say that it is elsewhere between."""
+    """At both ends the tip is inside the corridor: only bounds of rates and accelerations show that it leaves it."""
     robot, (path, joint, powers, corridor) = Robot.from_example("panda"), ONLY_BETWEEN[case]
     coefficients = np.outer([*powers, 0.0], np.eye(robot.n)[joint])
     coefficients[0] += inverse_kinematics(robot, at(0.4, 0.0, 0.4))
